@@ -1,1 +1,6 @@
-//! Placeholder.
+//! The stages of spectral shape analysis as dataflow nodes, one file each.
+
+use salient_sdk::AnyNode;
+
+/// All nodes of this package.
+pub static NODES: &[&dyn AnyNode] = &[];

@@ -1,1 +1,38 @@
-//! Placeholder.
+//! What the author of a `salient` node needs, and nothing else.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`node`] | [`Node`]: a pure function of typed inputs and typed params; [`AnyNode`], the same seen by the engine |
+//! | [`port`] | [`Port`] and [`Inputs`]: the named, typed inputs of a node |
+//! | [`params`] | [`FileParam`], param schemas, parsing from RON with exact places of errors |
+//! | [`artefact`] | [`Artefact`]: a typed output that can be written to and read from the cache |
+//! | [`codec`] | the safetensors layout of an artefact: [`Encoder`], [`Decoder`] |
+//! | [`context`] | [`Context`]: all that a running node may ask of its host |
+//! | [`error`] | [`NodeError`] |
+//! | [`mesh`] | [`Mesh`] and its [`Defect`]s: the one artefact that many nodes make |
+//! | [`registry`] | [`Registry`]: all kinds of node that a host offers |
+//! | [`testing`] | running one node in memory, for tests |
+//!
+//! A node touches no file, clock, environment variable or global: it reads through its [`Context`],
+//! which records the read for the cache key.
+
+pub mod artefact;
+pub mod codec;
+pub mod context;
+pub mod error;
+pub mod mesh;
+pub mod node;
+pub mod params;
+pub mod port;
+pub mod registry;
+pub mod testing;
+
+pub use artefact::{AnyArtefact, Artefact, ArtefactType, Table};
+pub use codec::{ArrayView, Decoder, Encoder, FormatError};
+pub use context::{Context, Host};
+pub use error::NodeError;
+pub use mesh::{Defect, DefectKind, Mesh};
+pub use node::{AnyNode, BoundNode, Node};
+pub use params::{FileParam, ParamError, ParamInfo};
+pub use port::{Arity, Inputs, Port, PortValues};
+pub use registry::Registry;

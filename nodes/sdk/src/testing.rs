@@ -1,0 +1,93 @@
+//! Running one node in memory, for the tests of node authors.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use serde_json::Value;
+
+use crate::context::{Context, Host};
+use crate::error::NodeError;
+use crate::node::Node;
+use crate::port::PortValues;
+
+/// A host in memory: files are given, progress is dropped, records are kept.
+#[derive(Default)]
+pub struct TestHost {
+    files: BTreeMap<(String, Option<String>), Arc<[u8]>>,
+    workers: AtomicUsize,
+    cancelled: AtomicBool,
+    records: Mutex<BTreeMap<String, Value>>,
+}
+
+impl TestHost {
+    /// A host that lends `workers` extra workers.
+    #[must_use]
+    pub fn with_workers(workers: usize) -> Self {
+        Self { workers: AtomicUsize::new(workers), ..Self::default() }
+    }
+
+    /// Makes `bytes` what the file param `param` names.
+    #[must_use]
+    pub fn file(mut self, param: &str, bytes: &[u8]) -> Self {
+        self.files.insert((param.to_owned(), None), bytes.into());
+        self
+    }
+
+    /// Makes `bytes` a file beside the one that `param` names.
+    #[must_use]
+    pub fn file_beside(mut self, param: &str, relative: &str, bytes: &[u8]) -> Self {
+        self.files.insert((param.to_owned(), Some(relative.to_owned())), bytes.into());
+        self
+    }
+
+    /// Stops the run from now on.
+    pub fn cancel(&self) {
+        self.cancelled.store(true, Ordering::Relaxed);
+    }
+
+    /// What the node recorded under a name.
+    #[must_use]
+    pub fn recorded(&self, name: &str) -> Option<Value> {
+        self.records.lock().unwrap_or_else(PoisonError::into_inner).get(name).cloned()
+    }
+
+    /// Runs a node on typed inputs.
+    pub fn run<N: Node>(
+        &self,
+        params: &N::Params,
+        inputs: N::Inputs,
+    ) -> Result<N::Output, NodeError> {
+        N::run(params, inputs, Context::new(self))
+    }
+
+    /// Runs a node on wired values, as the engine does.
+    pub fn run_wired<N: Node>(
+        &self,
+        params: &N::Params,
+        mut wired: PortValues,
+    ) -> Result<N::Output, NodeError> {
+        use crate::port::Inputs;
+        let inputs = N::Inputs::take(&mut wired)?;
+        self.run::<N>(params, inputs)
+    }
+}
+
+impl Host for TestHost {
+    fn read(&self, param: &str, beside: Option<&str>) -> Result<Arc<[u8]>, NodeError> {
+        let key = (param.to_owned(), beside.map(str::to_owned));
+        let missing = || NodeError::passing(format!("no file for `{param}` {beside:?}"));
+        self.files.get(&key).cloned().ok_or_else(missing)
+    }
+    fn progress(&self, _: f64) {}
+    fn cancelled(&self) -> bool {
+        self.cancelled.load(Ordering::Relaxed)
+    }
+    fn record(&self, name: &str, value: Value) {
+        self.records.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_owned(), value);
+    }
+    fn borrow_workers(&self, wanted: usize) -> usize {
+        self.workers.load(Ordering::Relaxed).min(wanted)
+    }
+    fn return_workers(&self, _: usize) {}
+}

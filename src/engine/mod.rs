@@ -1,0 +1,1 @@
+//! Runs a plan: keys, cache, scheduling, events.

@@ -1,0 +1,5 @@
+//! From RON text to a plan.
+
+pub mod plan;
+
+pub use plan::{Call, Plan, Shown, Wire};
