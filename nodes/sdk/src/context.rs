@@ -19,6 +19,8 @@ pub trait Host: Sync {
     fn cancelled(&self) -> bool;
     /// Keeps a figure in the record of the run (times and counts that do not belong to the artefact).
     fn record(&self, name: &str, value: Value);
+    /// Seconds since the node was started, for nodes with a time limit.
+    fn seconds(&self) -> f64;
     /// Takes up to `wanted` idle workers for this node and says how many it got.
     fn borrow_workers(&self, wanted: usize) -> usize;
     /// Gives workers back.
@@ -62,6 +64,13 @@ impl<'a> Context<'a> {
     /// Returns the error of a stopped run if the run was stopped; for use with `?` in long loops.
     pub fn check(&self) -> Result<(), NodeError> {
         if self.cancelled() { Err(NodeError::cancelled()) } else { Ok(()) }
+    }
+
+    /// Seconds since the node was started. A result that depends on it may differ from run to run, and
+    /// must say so; params with a time limit are never a default.
+    #[must_use]
+    pub fn seconds(&self) -> f64 {
+        self.host.seconds()
     }
 
     /// Keeps a figure in the record of the run.

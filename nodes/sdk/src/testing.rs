@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 
 use serde_json::Value;
 
@@ -18,13 +19,15 @@ pub struct TestHost {
     workers: AtomicUsize,
     cancelled: AtomicBool,
     records: Mutex<BTreeMap<String, Value>>,
+    started: Option<Instant>,
 }
 
 impl TestHost {
     /// A host that lends `workers` extra workers.
     #[must_use]
     pub fn with_workers(workers: usize) -> Self {
-        Self { workers: AtomicUsize::new(workers), ..Self::default() }
+        let started = Some(Instant::now());
+        Self { workers: AtomicUsize::new(workers), started, ..Self::default() }
     }
 
     /// Makes `bytes` what the file param `param` names.
@@ -85,6 +88,9 @@ impl Host for TestHost {
     }
     fn record(&self, name: &str, value: Value) {
         self.records.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_owned(), value);
+    }
+    fn seconds(&self) -> f64 {
+        self.started.map_or(0.0, |started| started.elapsed().as_secs_f64())
     }
     fn borrow_workers(&self, wanted: usize) -> usize {
         self.workers.load(Ordering::Relaxed).min(wanted)
