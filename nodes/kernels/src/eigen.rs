@@ -1,0 +1,226 @@
+//! The smallest eigenpairs of M v = lambda S v, certified (Hu & Hua 2009, eq. 10).
+//!
+//! With y = S^1/2 v the problem is A y = lambda y, A = S^-1/2 M S^-1/2, solved by block Lanczos on (A - sigma I)^-1, a sparse LDL' factorisation, or
+//! by a dense solver when the matrix is small or most of its spectrum is wanted. Neither is believed: the pairs are accepted only if
+//! residuals and orthogonality are small *and* the number of eigenvalues below a cut just above the last wanted one, counted by
+//! Sylvester's law of inertia from another factorisation, equals the number found. A missed copy of a multiple eigenvalue thus cannot pass.
+
+mod dense;
+mod factor;
+mod gauge;
+mod lanczos;
+mod problem;
+mod solver;
+
+use crate::laplacian::Operator;
+pub(crate) use problem::{Kernel, Problem};
+pub(crate) use solver::{dense_values, solve};
+use std::fmt;
+
+/// What a caller may want of a long computation: to see how far it is, and to stop it.
+pub trait Hooks {
+    /// Called with the share of the work done, in \[0, 1\], not decreasing.
+    fn progress(&self, _fraction: f64) {}
+    /// Polled at least once per Lanczos block; once true, the computation ends with [`EigenError::Cancelled`].
+    fn cancelled(&self) -> bool {
+        false
+    }
+}
+
+/// No interest in either.
+impl Hooks for () {}
+
+/// How the eigensolver works; the defaults suit meshes of 10 to 200,000 vertices.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// Largest accepted residual `||M v - lambda S v||` in the `S^-1` norm, relative to lambda, in (0, 1e-2]. Where the rounding of the entries of
+    /// M alone exceeds it (slivers), that rounding error is the bound.
+    pub tolerance: f64,
+    /// Vectors per Lanczos block, in 1 to 64: the multiplicity found at once. Larger multiplicities are found by deflated rounds.
+    pub block_size: usize,
+    /// Up to this many vertices the dense solver is used.
+    pub dense_limit: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            tolerance: 1e-8,
+            block_size: 8,
+            dense_limit: 200,
+        }
+    }
+}
+
+/// Which solver found the pairs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// A full symmetric eigendecomposition.
+    Dense,
+    /// Shift-invert block Lanczos.
+    Lanczos,
+}
+
+/// The evidence that the pairs are the smallest ones, all of them, and accurate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Certificate {
+    /// Which solver found the pairs.
+    pub method: Method,
+    /// The cut in a gap of the spectrum above the last returned eigenvalue, in the units of the eigenvalues.
+    pub cut: f64,
+    /// Number of eigenvalues below the cut by Sylvester inertia.
+    pub expected: usize,
+    /// Number of eigenvalues found below the cut; at least the number returned. Equal to `expected`.
+    pub found: usize,
+    /// Largest `||M v - lambda S v||` in the `S^-1` norm over lambda (for lambda = 0 over the first positive eigenvalue).
+    pub max_residual: f64,
+    /// Largest entry of |V' S V - I|.
+    pub max_orthogonality_error: f64,
+    /// Lanczos runs it took; 0 for the dense solver, 1 if nothing was missed.
+    pub rounds: usize,
+    /// Relative distance from the last returned eigenvalue to the next; `None` if there is no next one. Near zero, the basis ends
+    /// inside a multiple eigenvalue, and its last vectors are an arbitrary part of that eigenspace.
+    pub gap_above: Option<f64>,
+}
+
+/// The k smallest eigenpairs, ascending.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Eigenpairs {
+    /// Eigenvalues in inverse squared length, ascending; exactly 0.0 once per connected component.
+    pub values: Vec<f64>,
+    /// Eigenvectors, column-major n x k: vector j is `vectors[j * n..(j + 1) * n]`. `V' S V = I`.
+    ///
+    /// The first ones are the indicators of the components over the square root of their areas, ordered by smallest vertex. Signs: the
+    /// S-weighted sum of cubes is positive; for vectors whose sum of cubes vanishes (odd symmetry), the first entry of largest
+    /// magnitude is. Inside a multiple eigenvalue the basis is some basis, the same in every run.
+    pub vectors: Vec<f64>,
+    /// Number of vertices.
+    pub n: usize,
+    /// Why they may be trusted.
+    pub certificate: Certificate,
+}
+
+impl Eigenpairs {
+    /// Eigenvector j.
+    #[must_use]
+    pub fn vector(&self, j: usize) -> &[f64] {
+        &self.vectors[j * self.n..(j + 1) * self.n]
+    }
+}
+
+/// Why there are no eigenpairs.
+#[derive(Clone, Debug, PartialEq)]
+pub enum EigenError {
+    /// No pairs were asked for.
+    NoneWanted,
+    /// More pairs were asked for than there are vertices.
+    TooMany {
+        /// Pairs asked for.
+        wanted: usize,
+        /// Pairs there are: the number of vertices.
+        available: usize,
+    },
+    /// An option is outside its range.
+    Option {
+        /// Its name.
+        name: &'static str,
+    },
+    /// The mass has another length than the stiffness matrix has rows.
+    MassLength {
+        /// Rows of the stiffness matrix.
+        rows: usize,
+        /// Length of the mass.
+        masses: usize,
+    },
+    /// A mass is not positive and finite, or an entry of the vertex's row is not finite.
+    NotFinite {
+        /// The offending vertex.
+        vertex: usize,
+    },
+    /// The vertex's row of the stiffness matrix does not sum to zero.
+    NotLaplacian {
+        /// The offending vertex.
+        vertex: usize,
+    },
+    /// The sparse factorisation at this shift failed, at neighbouring shifts too, or memory ran out.
+    Factorisation {
+        /// The shift, in the units of the eigenvalues.
+        shift: f64,
+    },
+    /// The dense solver did not converge.
+    Dense,
+    /// The pairs found could not be certified; they are not returned.
+    NotCertified {
+        /// Number of eigenvalues below the last cut tried.
+        expected: usize,
+        /// Number found below it.
+        found: usize,
+        /// Largest relative residual of the last attempt.
+        residual: f64,
+    },
+    /// The caller's hooks said to stop.
+    Cancelled,
+}
+
+impl fmt::Display for EigenError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoneWanted => write!(f, "at least one eigenpair must be asked for"),
+            Self::TooMany { wanted, available } => {
+                write!(
+                    f,
+                    "{wanted} eigenpairs were asked for, but {available} vertices have only {available}"
+                )
+            }
+            Self::Option { name } => write!(f, "option `{name}` is out of range"),
+            Self::MassLength { rows, masses } => {
+                write!(f, "{masses} masses for a stiffness matrix of {rows} rows")
+            }
+            Self::NotFinite { vertex } => write!(
+                f,
+                "vertex {vertex} has a mass that is not positive, or an entry that is not finite"
+            ),
+            Self::NotLaplacian { vertex } => write!(
+                f,
+                "row {vertex} of the stiffness matrix does not sum to zero"
+            ),
+            Self::Factorisation { shift } => {
+                write!(f, "the sparse factorisation failed at the shift {shift:e}")
+            }
+            Self::Dense => write!(f, "the dense eigensolver did not converge"),
+            Self::NotCertified {
+                expected,
+                found,
+                residual,
+            } => write!(
+                f,
+                "eigenpairs could not be certified: {found} found where inertia counts {expected}, largest relative residual {residual:.1e}"
+            ),
+            Self::Cancelled => write!(f, "cancelled"),
+        }
+    }
+}
+
+impl std::error::Error for EigenError {}
+
+/// The k smallest eigenpairs of M v = lambda S v, for 1 <= k <= n.
+///
+/// Values are accurate to about 1e-10 relative or better, independent of the mesh's scale. Any number of components, boundaries and
+/// multiple eigenvalues are allowed. The result depends on the operator, k and the options alone.
+pub fn eigenpairs(
+    operator: &Operator,
+    k: usize,
+    options: &Options,
+    hooks: &dyn Hooks,
+) -> Result<Eigenpairs, EigenError> {
+    let n = operator.stiffness.n();
+    if operator.mass.len() != n {
+        return Err(EigenError::MassLength {
+            rows: n,
+            masses: operator.mass.len(),
+        });
+    }
+    let kernel = Kernel::of_components(&operator.stiffness)?;
+    let problem = Problem::new(&operator.stiffness, &operator.mass, Some(kernel))?;
+    solve(&problem, k, options, hooks)
+}

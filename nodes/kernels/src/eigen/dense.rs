@@ -1,0 +1,104 @@
+//! Dense symmetric eigendecompositions, sequential, and small dense helpers.
+
+use super::EigenError;
+use super::problem::Problem;
+use faer::diag::Diag;
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatRef, Par, Spec};
+
+/// Eigenvalues, ascending, and eigenvectors of a symmetric matrix of which the lower triangle is read.
+pub(super) fn symmetric_eigen(matrix: MatRef<'_, f64>) -> Result<(Vec<f64>, Mat<f64>), EigenError> {
+    let n = matrix.nrows();
+    let mut vectors = Mat::zeros(n, n);
+    let values = decompose(matrix, Some(&mut vectors))?;
+    Ok((values, vectors))
+}
+
+/// Eigenvalues alone, ascending.
+pub(super) fn symmetric_eigenvalues(matrix: MatRef<'_, f64>) -> Result<Vec<f64>, EigenError> {
+    decompose(matrix, None)
+}
+
+fn decompose(
+    matrix: MatRef<'_, f64>,
+    vectors: Option<&mut Mat<f64>>,
+) -> Result<Vec<f64>, EigenError> {
+    let n = matrix.nrows();
+    let mut values = Diag::zeros(n);
+    let compute = if vectors.is_some() {
+        ComputeEigenvectors::Yes
+    } else {
+        ComputeEigenvectors::No
+    };
+    let scratch = self_adjoint_evd_scratch::<f64>(n, compute, Par::Seq, Spec::default());
+    let mut memory = MemBuffer::try_new(scratch).map_err(|_| EigenError::Dense)?;
+    let vectors = vectors.map(Mat::as_mut);
+    self_adjoint_evd(
+        matrix,
+        values.as_mut(),
+        vectors,
+        Par::Seq,
+        MemStack::new(&mut memory),
+        Spec::default(),
+    )
+    .map_err(|_| EigenError::Dense)?;
+    let values: Vec<f64> = (0..n).map(|i| values.column_vector()[i]).collect();
+    if values.iter().all(|v| v.is_finite()) {
+        Ok(values)
+    } else {
+        Err(EigenError::Dense)
+    }
+}
+
+/// A as a dense matrix, its known null space lifted above the rest of the spectrum.
+pub(super) fn lifted(problem: &Problem<'_>) -> Mat<f64> {
+    let n = problem.n();
+    let mut a = Mat::<f64>::zeros(n, n);
+    let entries = problem.scaled_entries();
+    let mut bound = 0.0f64;
+    for i in 0..n {
+        let range = problem.stiffness.offsets()[i]..problem.stiffness.offsets()[i + 1];
+        let mut radius = 0.0;
+        for (&j, &value) in problem.stiffness.columns()[range.clone()]
+            .iter()
+            .zip(&entries[range])
+        {
+            a[(i, j as usize)] = value;
+            radius += value.abs();
+        }
+        bound = bound.max(radius); // Gershgorin
+    }
+    for j in 0..n {
+        for i in 0..n {
+            if let (Some((p, x)), Some((q, y))) = (problem.null_entry(i), problem.null_entry(j))
+                && p == q
+            {
+                a[(i, j)] += 2.0 * bound * x * y;
+            }
+        }
+    }
+    a
+}
+
+/// x' y.
+pub(super) fn inner(x: MatRef<'_, f64>, y: MatRef<'_, f64>) -> Mat<f64> {
+    let mut product = Mat::zeros(x.ncols(), y.ncols());
+    matmul(
+        product.as_mut(),
+        Accum::Replace,
+        x.transpose(),
+        y,
+        1.0,
+        Par::Seq,
+    );
+    product
+}
+
+/// x y.
+pub(super) fn product(x: MatRef<'_, f64>, y: MatRef<'_, f64>) -> Mat<f64> {
+    let mut product = Mat::zeros(x.nrows(), y.ncols());
+    matmul(product.as_mut(), Accum::Replace, x, y, 1.0, Par::Seq);
+    product
+}
