@@ -1,1 +1,7 @@
 //! Placeholder.
+
+pub mod adjacency;
+pub mod geodesic;
+pub mod nearest;
+pub mod topology;
+mod vec3;
