@@ -1,6 +1,14 @@
 //! Numerical kernels for spectral shape analysis: pure functions on plain arrays, no files, no threads, no global state.
 
+pub mod adjacency;
+pub mod disc;
 pub mod eigen;
+pub mod geodesic;
 pub mod laplacian;
+pub mod nearest;
 pub mod patch_spectrum;
+pub mod simplify;
 pub mod sparse;
+mod surgery;
+pub mod topology;
+mod vec3;
