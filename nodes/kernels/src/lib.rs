@@ -1,1 +1,3 @@
-//! Placeholder.
+//! Numerical kernels for spectral shape analysis.
+
+pub mod assignment;
