@@ -1,6 +1,7 @@
 //! Numerical kernels for spectral shape analysis: pure functions on plain arrays, no files, no threads, no global state.
 
 pub mod adjacency;
+pub mod assignment;
 pub mod disc;
 pub mod eigen;
 pub mod geodesic;

@@ -1,0 +1,363 @@
+//! The problem statement: candidates, scores, costs; validated on entry.
+
+use std::fmt;
+
+/// Why a problem was refused.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum ProblemError {
+    /// A left or right feature index is not below the number of features of its side.
+    FeatureOutOfRange {
+        /// `"left"` or `"right"`.
+        side: &'static str,
+        /// The index given.
+        index: usize,
+        /// The number of features on that side.
+        count: usize,
+    },
+    /// A pair term names a candidate that has not been added.
+    CandidateOutOfRange {
+        /// The index given.
+        index: usize,
+        /// The number of candidates so far.
+        count: usize,
+    },
+    /// The same (left, right) pair was added as a candidate twice.
+    DuplicateCandidate {
+        /// The left feature.
+        left: usize,
+        /// The right feature.
+        right: usize,
+    },
+    /// A pair term was given twice, in either order; it would be ambiguous whether it should be summed.
+    DuplicatePair {
+        /// The lower candidate index.
+        a: usize,
+        /// The higher candidate index.
+        b: usize,
+    },
+    /// A pair term of a candidate with itself; that belongs in the candidate's own score.
+    SelfPair {
+        /// The candidate.
+        a: usize,
+    },
+    /// A pair term between candidates that share a feature. They exclude each other, so the term can never count;
+    /// it is refused because it shows that the caller built `H` from the wrong pairs.
+    ExclusivePair {
+        /// One candidate.
+        a: usize,
+        /// The other.
+        b: usize,
+    },
+    /// A score or cost is NaN or infinite.
+    NonFinite {
+        /// What the value was given as.
+        what: &'static str,
+    },
+    /// A cost list or matrix has the wrong number of values.
+    WrongLength {
+        /// What was given.
+        what: &'static str,
+        /// Its number of values.
+        found: usize,
+        /// The number it needs.
+        expected: usize,
+    },
+    /// The scores are finite, but their sum is not; or there are more than `u32::MAX` candidates or pair terms.
+    TooLarge,
+}
+
+impl fmt::Display for ProblemError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::FeatureOutOfRange { side, index, count } => {
+                write!(f, "{side} feature {index} does not exist: there are {count}")
+            }
+            Self::CandidateOutOfRange { index, count } => write!(f, "candidate {index} does not exist: there are {count}"),
+            Self::DuplicateCandidate { left, right } => write!(f, "candidate ({left}, {right}) is given twice"),
+            Self::DuplicatePair { a, b } => write!(f, "the pair term of candidates {a} and {b} is given twice"),
+            Self::SelfPair { a } => write!(f, "candidate {a} is paired with itself; its own score is its linear score"),
+            Self::ExclusivePair { a, b } => {
+                write!(f, "candidates {a} and {b} share a feature, so their pair term can never count")
+            }
+            Self::NonFinite { what } => write!(f, "{what} is not a finite number"),
+            Self::WrongLength { what, found, expected } => write!(f, "{what} has {found} values, expected {expected}"),
+            Self::TooLarge => f.write_str("the scores or the number of terms are too large to be summed"),
+        }
+    }
+}
+
+impl std::error::Error for ProblemError {}
+
+/// Collects a [`Problem`] term by term.
+#[derive(Debug, Clone)]
+pub struct ProblemBuilder {
+    n_left: usize,
+    n_right: usize,
+    candidates: Vec<(usize, usize)>,
+    linear: Vec<f64>,
+    pairs: Vec<(usize, usize, f64)>,
+    left_cost: Vec<f64>,
+    right_cost: Vec<f64>,
+    must_match_all: bool,
+}
+
+impl ProblemBuilder {
+    /// A problem over `n_left` and `n_right` features, without candidates, whose unmatched costs are 0.
+    #[must_use]
+    pub fn new(n_left: usize, n_right: usize) -> Self {
+        Self {
+            n_left,
+            n_right,
+            candidates: Vec::new(),
+            linear: Vec::new(),
+            pairs: Vec::new(),
+            left_cost: vec![0.0; n_left],
+            right_cost: vec![0.0; n_right],
+            must_match_all: false,
+        }
+    }
+
+    /// Adds the candidate pair (`left`, `right`) with linear score `c_a`, of either sign, and returns its index `a`
+    /// (0, 1, ... in the order added). A duplicate is found by [`Self::build`].
+    pub fn candidate(&mut self, left: usize, right: usize, score: f64) -> Result<usize, ProblemError> {
+        check_index("left", left, self.n_left)?;
+        check_index("right", right, self.n_right)?;
+        check_finite("a candidate's score", score)?;
+        self.candidates.push((left, right));
+        self.linear.push(score);
+        Ok(self.candidates.len() - 1)
+    }
+
+    /// Adds the score `h_ab`, of either sign, earned when candidates `a` and `b` are both chosen. Each unordered pair is given once
+    /// (the upper triangle) and counts once. A pair given twice is found by [`Self::build`].
+    pub fn pair(&mut self, a: usize, b: usize, score: f64) -> Result<(), ProblemError> {
+        let count = self.candidates.len();
+        for index in [a, b] {
+            if index >= count {
+                return Err(ProblemError::CandidateOutOfRange { index, count });
+            }
+        }
+        if a == b {
+            return Err(ProblemError::SelfPair { a });
+        }
+        let ((i, j), (k, l)) = (self.candidates[a], self.candidates[b]);
+        if i == k || j == l {
+            return Err(ProblemError::ExclusivePair { a, b });
+        }
+        check_finite("a pair score", score)?;
+        if score != 0.0 {
+            self.pairs.push((a.min(b), a.max(b), score));
+        }
+        Ok(())
+    }
+
+    /// The cost of leaving any one feature, of either side, unmatched; subtracted from the objective for each. A negative cost is a reward.
+    pub fn unmatched_cost(&mut self, cost: f64) -> Result<(), ProblemError> {
+        check_finite("the unmatched cost", cost)?;
+        self.left_cost.fill(cost);
+        self.right_cost.fill(cost);
+        Ok(())
+    }
+
+    /// Unmatched costs feature by feature: `n_left` and `n_right` values.
+    pub fn unmatched_costs(&mut self, left: &[f64], right: &[f64]) -> Result<(), ProblemError> {
+        for (what, given, own) in
+            [("left unmatched costs", left, &mut self.left_cost), ("right unmatched costs", right, &mut self.right_cost)]
+        {
+            if given.len() != own.len() {
+                return Err(ProblemError::WrongLength { what, found: given.len(), expected: own.len() });
+            }
+            for &value in given {
+                check_finite(what, value)?;
+            }
+            own.copy_from_slice(given);
+        }
+        Ok(())
+    }
+
+    /// Requires every feature of the smaller side (of the left side when equal, hence of both) to be matched.
+    pub fn must_match_all(&mut self, yes: bool) {
+        self.must_match_all = yes;
+    }
+
+    /// Checks what can only be seen as a whole, and makes the problem.
+    pub fn build(self) -> Result<Problem, ProblemError> {
+        let mut sorted = self.candidates.clone();
+        sorted.sort_unstable();
+        if let Some(twice) = sorted.windows(2).find(|w| w[0] == w[1]) {
+            return Err(ProblemError::DuplicateCandidate { left: twice[0].0, right: twice[0].1 });
+        }
+        let mut pairs = self.pairs;
+        pairs.sort_unstable_by_key(|&(a, b, _)| (a, b));
+        if let Some(twice) = pairs.windows(2).find(|w| (w[0].0, w[0].1) == (w[1].0, w[1].1)) {
+            return Err(ProblemError::DuplicatePair { a: twice[0].0, b: twice[0].1 });
+        }
+        let limit = u32::MAX as usize / 2;
+        let total: f64 = self.linear.iter().chain(&self.left_cost).chain(&self.right_cost).map(|v| v.abs()).sum::<f64>()
+            + pairs.iter().map(|p| p.2.abs()).sum::<f64>();
+        let counts = [self.n_left, self.n_right, self.candidates.len(), pairs.len()];
+        if !(4.0 * total).is_finite() || counts.iter().any(|&n| n > limit) {
+            return Err(ProblemError::TooLarge);
+        }
+        let (row, col, val) = symmetric_csr(self.candidates.len(), &pairs);
+        Ok(Problem {
+            n_left: self.n_left,
+            n_right: self.n_right,
+            candidates: self.candidates,
+            linear: self.linear,
+            row,
+            col,
+            val,
+            left_cost: self.left_cost,
+            right_cost: self.right_cost,
+            must_match_all: self.must_match_all,
+        })
+    }
+}
+
+fn check_index(side: &'static str, index: usize, count: usize) -> Result<(), ProblemError> {
+    if index < count { Ok(()) } else { Err(ProblemError::FeatureOutOfRange { side, index, count }) }
+}
+
+fn check_finite(what: &'static str, value: f64) -> Result<(), ProblemError> {
+    if value.is_finite() { Ok(()) } else { Err(ProblemError::NonFinite { what }) }
+}
+
+/// Both triangles, columns ascending in each row; `pairs` is sorted by (a, b) with a < b.
+fn symmetric_csr(n: usize, pairs: &[(usize, usize, f64)]) -> (Vec<usize>, Vec<u32>, Vec<f64>) {
+    let mut row = vec![0; n + 1];
+    for &(a, b, _) in pairs {
+        row[a + 1] += 1;
+        row[b + 1] += 1;
+    }
+    for a in 0..n {
+        row[a + 1] += row[a];
+    }
+    let (mut next, mut col, mut val) = (row.clone(), vec![0; 2 * pairs.len()], vec![0.0; 2 * pairs.len()]);
+    // Lower entries first: sorted by a, they fill each row b in ascending order, and all lie before its upper entries.
+    for flip in [true, false] {
+        for &(a, b, h) in pairs {
+            let (r, c) = if flip { (b, a) } else { (a, b) };
+            col[next[r]] = c as u32;
+            val[next[r]] = h;
+            next[r] += 1;
+        }
+    }
+    (row, col, val)
+}
+
+/// A validated problem; see the [module](super) for its objective.
+#[derive(Debug, Clone)]
+pub struct Problem {
+    pub(super) n_left: usize,
+    pub(super) n_right: usize,
+    pub(super) candidates: Vec<(usize, usize)>,
+    pub(super) linear: Vec<f64>,
+    /// Symmetric CSR over candidates: `h_ab` stands in row `a` and in row `b`, and counts once.
+    pub(super) row: Vec<usize>,
+    pub(super) col: Vec<u32>,
+    pub(super) val: Vec<f64>,
+    pub(super) left_cost: Vec<f64>,
+    pub(super) right_cost: Vec<f64>,
+    pub(super) must_match_all: bool,
+}
+
+impl Problem {
+    /// The quadratic assignment problem of QAPLIB: minimise `sum_ij A[i][j] B[p(i)][p(j)]` over permutations `p`, with both
+    /// matrices `n` x `n` in row order. Every left feature is matched, and the objective is **minus** the QAPLIB cost.
+    pub fn from_qaplib(n: usize, a: &[f64], b: &[f64]) -> Result<Self, ProblemError> {
+        for (what, m) in [("A", a), ("B", b)] {
+            if m.len() != n * n {
+                return Err(ProblemError::WrongLength { what, found: m.len(), expected: n * n });
+            }
+            for &v in m {
+                check_finite(what, v)?;
+            }
+        }
+        let mut builder = ProblemBuilder::new(n, n);
+        builder.must_match_all(true);
+        for i in 0..n {
+            for k in 0..n {
+                builder.candidate(i, k, -a[i * n + i] * b[k * n + k])?;
+            }
+        }
+        for i in 0..n {
+            for j in i + 1..n {
+                for k in 0..n {
+                    for l in (0..n).filter(|&l| l != k) {
+                        let cost = a[i * n + j] * b[k * n + l] + a[j * n + i] * b[l * n + k];
+                        builder.pair(i * n + k, j * n + l, -cost)?;
+                    }
+                }
+            }
+        }
+        builder.build()
+    }
+
+    /// The numbers of left and right features.
+    #[must_use]
+    pub fn features(&self) -> (usize, usize) {
+        (self.n_left, self.n_right)
+    }
+
+    /// The candidates (left, right), in the order they were added.
+    #[must_use]
+    pub fn candidates(&self) -> &[(usize, usize)] {
+        &self.candidates
+    }
+
+    /// The objective of a set of candidates, summed with compensation (error about one unit in the last place).
+    /// `None` if an index is out of range, two of them share a feature, or [`ProblemBuilder::must_match_all`] is violated.
+    #[must_use]
+    pub fn objective(&self, chosen: &[usize]) -> Option<f64> {
+        let (mut left, mut right) = (vec![false; self.n_left], vec![false; self.n_right]);
+        let mut used = vec![false; self.candidates.len()];
+        for &a in chosen {
+            let &(i, j) = self.candidates.get(a)?;
+            if left[i] || right[j] {
+                return None;
+            }
+            (left[i], right[j], used[a]) = (true, true, true);
+        }
+        if self.must_match_all && chosen.len() < self.n_left.min(self.n_right) {
+            return None;
+        }
+        let mut order = chosen.to_vec();
+        order.sort_unstable_by_key(|&a| self.candidates[a]);
+        let mut sum = Compensated::default();
+        for &a in &order {
+            sum.add(self.linear[a]);
+            for e in self.row[a]..self.row[a + 1] {
+                let b = self.col[e] as usize;
+                if used[b] && self.candidates[a] < self.candidates[b] {
+                    sum.add(self.val[e]);
+                }
+            }
+        }
+        for (matched, costs) in [(&left, &self.left_cost), (&right, &self.right_cost)] {
+            matched.iter().zip(costs).filter(|(m, _)| !**m).for_each(|(_, &cost)| sum.add(-cost));
+        }
+        Some(sum.value())
+    }
+}
+
+/// Neumaier's compensated sum.
+#[derive(Default)]
+struct Compensated {
+    sum: f64,
+    lost: f64,
+}
+
+impl Compensated {
+    fn add(&mut self, x: f64) {
+        let t = self.sum + x;
+        self.lost += if self.sum.abs() >= x.abs() { (self.sum - t) + x } else { (x - t) + self.sum };
+        self.sum = t;
+    }
+
+    fn value(&self) -> f64 {
+        // Adding zero makes a negative zero positive.
+        self.sum + self.lost + 0.0
+    }
+}

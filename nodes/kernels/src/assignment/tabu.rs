@@ -1,0 +1,264 @@
+//! Primal heuristics: greedy construction, then tabu search over insertions that eject what they conflict with. Seeded, deterministic.
+
+use super::lap::Lap;
+use super::model::Model;
+
+const NONE: u32 = u32::MAX;
+
+/// An assignment under construction, with the gain of every variable.
+pub(super) struct Search<'a> {
+    m: &'a Model,
+    at_left: Vec<u32>,
+    at_right: Vec<u32>,
+    /// `c_a + sum of h_ab over the chosen b`, for chosen and unchosen `a` alike.
+    gain: Vec<i64>,
+    value: i64,
+    tabu: Vec<u64>,
+    clock: u64,
+    random: u64,
+    best: i64,
+    best_set: Vec<u32>,
+}
+
+/// The change that a move makes: variable in, up to two out, and the pair of freed features matched to each other where possible.
+#[derive(Clone, Copy)]
+struct Move {
+    delta: i64,
+    /// `NONE` for a plain removal.
+    insert: u32,
+    eject: [u32; 2],
+    rejoin: u32,
+}
+
+impl<'a> Search<'a> {
+    pub fn new(m: &'a Model, seed: u64) -> Self {
+        Self {
+            m,
+            at_left: vec![NONE; m.n_left],
+            at_right: vec![NONE; m.n_right],
+            gain: m.linear.clone(),
+            value: 0,
+            tabu: vec![0; m.left.len()],
+            clock: 0,
+            random: seed ^ 0x9E37_79B9_7F4A_7C15,
+            best: i64::MIN,
+            best_set: Vec::new(),
+        }
+    }
+
+    /// The best assignment found (variables ascending) and its objective without the constant; `None` before any, which happens only if
+    /// not every left that must be matched can be.
+    pub fn best(&self) -> Option<(i64, &[u32])> {
+        (self.best != i64::MIN).then_some((self.best, &self.best_set))
+    }
+
+    /// `starts` runs of `iterations` moves each: the first from the greedy assignment, later ones from a disturbed best.
+    pub fn run(&mut self, starts: usize, iterations: usize, stop: &dyn Fn() -> bool) {
+        if !self.construct() {
+            return;
+        }
+        for round in 0..starts {
+            if round > 0 {
+                let set = self.best_set.clone();
+                self.load(&set);
+                self.disturb(round);
+            }
+            self.tabu.fill(0);
+            let (mut idle, mut round_best) = (0, self.value);
+            while idle < iterations {
+                if self.clock % 64 == 0 && stop() {
+                    return;
+                }
+                if !self.step() {
+                    break;
+                }
+                idle += 1;
+                if self.value > round_best {
+                    (round_best, idle) = (self.value, 0);
+                }
+            }
+        }
+    }
+
+    /// Improves a given assignment by a short search.
+    pub fn polish(&mut self, set: &[u32], iterations: usize) {
+        self.load(set);
+        self.tabu.fill(0);
+        for _ in 0..iterations {
+            if !self.step() {
+                break;
+            }
+        }
+    }
+
+    fn next_random(&mut self, below: u64) -> u64 {
+        // splitmix64
+        self.random = self.random.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.random;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        (z ^ (z >> 31)) % below.max(1)
+    }
+
+    fn construct(&mut self) -> bool {
+        if self.m.mandatory {
+            // Any assignment that serves every left: the best by linear scores.
+            let mut start = vec![0_u32; self.m.n_left + 1];
+            self.m.left.iter().for_each(|&k| start[k as usize + 1] += 1);
+            (0..self.m.n_left).for_each(|k| start[k + 1] += start[k]);
+            let mut lap = Lap::default();
+            if lap.solve(&start, &self.m.right, &self.m.linear, self.m.n_right, false, usize::MAX).is_none() {
+                return false;
+            }
+            self.load(&lap.used);
+            return true;
+        }
+        self.note();
+        // Largest potential first: own gain plus the better half of what it could still earn.
+        let m = self.m;
+        let mut potential: Vec<i64> = (0..m.left.len())
+            .map(|a| m.linear[a] + m.val[m.row[a]..m.row[a + 1]].iter().map(|&h| h.max(0) / 2 / (m.n_left as i64)).sum::<i64>())
+            .collect();
+        loop {
+            let free = |a: &usize| self.at_left[m.left[*a] as usize] == NONE && self.at_right[m.right[*a] as usize] == NONE;
+            let Some(a) = (0..m.left.len()).filter(free).max_by_key(|&a| (self.gain[a] + potential[a], std::cmp::Reverse(a))) else {
+                break;
+            };
+            if self.gain[a] + potential[a] <= 0 {
+                break;
+            }
+            potential[a] = 0;
+            self.insert(a);
+            self.note();
+        }
+        true
+    }
+
+    fn load(&mut self, set: &[u32]) {
+        self.at_left.fill(NONE);
+        self.at_right.fill(NONE);
+        self.gain.clone_from(&self.m.linear);
+        self.value = 0;
+        set.iter().for_each(|&a| self.insert(a as usize));
+        self.note();
+    }
+
+    /// Random moves, more of them in later rounds.
+    fn disturb(&mut self, round: usize) {
+        let n = self.m.left.len() as u64;
+        let moves = 2 + (round % 6) * self.m.n_left / 12;
+        for _ in 0..moves {
+            let a = self.next_random(n) as usize;
+            if let Some(change) = self.evaluate(a) {
+                self.apply(change);
+            }
+        }
+    }
+
+    fn insert(&mut self, a: usize) {
+        self.value += self.gain[a];
+        self.at_left[self.m.left[a] as usize] = a as u32;
+        self.at_right[self.m.right[a] as usize] = a as u32;
+        for e in self.m.row[a]..self.m.row[a + 1] {
+            self.gain[self.m.col[e] as usize] += self.m.val[e];
+        }
+    }
+
+    fn remove(&mut self, a: usize) {
+        self.value -= self.gain[a];
+        self.at_left[self.m.left[a] as usize] = NONE;
+        self.at_right[self.m.right[a] as usize] = NONE;
+        for e in self.m.row[a]..self.m.row[a + 1] {
+            self.gain[self.m.col[e] as usize] -= self.m.val[e];
+        }
+    }
+
+    fn chosen(&self, a: usize) -> bool {
+        self.at_left[self.m.left[a] as usize] == a as u32
+    }
+
+    /// The move that inserts `a`, or removes it if it is chosen; `None` if that would leave a left unmatched that must not be.
+    fn evaluate(&self, a: usize) -> Option<Move> {
+        let m = self.m;
+        if self.chosen(a) {
+            return (!m.mandatory).then_some(Move { delta: -self.gain[a], insert: NONE, eject: [a as u32, NONE], rejoin: NONE });
+        }
+        let eject = [self.at_left[m.left[a] as usize], self.at_right[m.right[a] as usize]];
+        let mut delta = self.gain[a];
+        for b in eject.into_iter().filter(|&b| b != NONE) {
+            delta -= self.gain[b as usize];
+        }
+        let mut rejoin = NONE;
+        if eject[0] != NONE && eject[1] != NONE {
+            delta += m.pair(eject[0] as usize, eject[1] as usize);
+            // a = (i, j) ejects (i, j') and (i', j): i' and j' are free now.
+            if let Some(other) = self.find(m.left[eject[1] as usize], m.right[eject[0] as usize]) {
+                let more = self.gain[other] + m.pair(a, other);
+                if more > 0 || m.mandatory {
+                    delta += more;
+                    rejoin = other as u32;
+                }
+            }
+        }
+        if m.mandatory && eject[1] != NONE && rejoin == NONE {
+            return None;
+        }
+        Some(Move { delta, insert: a as u32, eject, rejoin })
+    }
+
+    fn find(&self, left: u32, right: u32) -> Option<usize> {
+        let m = self.m;
+        let from = m.left.partition_point(|&k| k < left);
+        let to = from + m.left[from..].partition_point(|&k| k == left);
+        m.right[from..to].binary_search(&right).ok().map(|at| from + at)
+    }
+
+    /// The best admissible move; false if there is none.
+    fn step(&mut self) -> bool {
+        self.clock += 1;
+        let mut best: Option<Move> = None;
+        let mut ties = 0;
+        for a in 0..self.m.left.len() {
+            let Some(change) = self.evaluate(a) else { continue };
+            let held = |b: u32| b != NONE && self.tabu[b as usize] > self.clock;
+            let tabu = held(change.insert) || held(change.rejoin) || change.insert == NONE && held(change.eject[0]);
+            if tabu && self.value + change.delta <= self.best {
+                continue;
+            }
+            match best {
+                Some(known) if change.delta < known.delta => {}
+                Some(known) if change.delta == known.delta => {
+                    ties += 1;
+                    if self.next_random(ties + 1) == 0 {
+                        best = Some(change);
+                    }
+                }
+                _ => (best, ties) = (Some(change), 0),
+            }
+        }
+        let Some(change) = best else { return false };
+        self.apply(change);
+        true
+    }
+
+    fn apply(&mut self, change: Move) {
+        let tenure = 4 + self.m.n_left as u64 / 4;
+        for b in change.eject.into_iter().filter(|&b| b != NONE) {
+            self.remove(b as usize);
+            self.tabu[b as usize] = self.clock + tenure + self.next_random(tenure);
+        }
+        for a in [change.insert, change.rejoin].into_iter().filter(|&a| a != NONE) {
+            self.insert(a as usize);
+            self.tabu[a as usize] = self.clock + 2 + self.next_random(tenure / 2 + 1);
+        }
+        self.note();
+    }
+
+    fn note(&mut self) {
+        let complete = !self.m.mandatory || self.at_left.iter().all(|&a| a != NONE);
+        if complete && self.value > self.best {
+            self.best = self.value;
+            self.best_set = self.at_left.iter().copied().filter(|&a| a != NONE).collect();
+        }
+    }
+}
