@@ -1,6 +1,33 @@
-//! The stages of spectral shape analysis as dataflow nodes, one file each.
+//! The stages of spectral shape analysis as dataflow nodes, one file each, and the list of them all.
+
+pub mod cut;
+pub mod eigensolve;
+pub mod evaluate_match;
+pub mod feature;
+pub mod iqp_match;
+pub mod laplacian;
+pub mod maxima;
+pub mod patch_extract;
+pub mod patch_spectrum;
+pub mod reconstruct;
+pub mod reconstruction_energy;
+pub mod shuffle;
+pub mod simplify;
 
 use salient_sdk::AnyNode;
 
 /// All nodes of this package.
-pub static NODES: &[&dyn AnyNode] = &[];
+pub static NODES: &[&dyn AnyNode] = &[
+    &cut::Cut,
+    &eigensolve::Eigensolve,
+    &evaluate_match::EvaluateMatch,
+    &iqp_match::IqpMatch,
+    &laplacian::Laplacian,
+    &maxima::Maxima,
+    &patch_extract::PatchExtract,
+    &patch_spectrum::PatchSpectrum,
+    &reconstruct::Reconstruct,
+    &reconstruction_energy::ReconstructionEnergy,
+    &shuffle::Shuffle,
+    &simplify::Simplify,
+];

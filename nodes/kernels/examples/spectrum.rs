@@ -29,19 +29,13 @@ fn read_obj(text: &str) -> Result<Mesh, Box<dyn Error>> {
     }
     faces.retain(|f: &[u32; 3]| !is_zero_area(f.map(|v| points[v as usize])));
     let mut new_index = vec![u32::MAX; points.len()];
-    faces
-        .iter()
-        .flatten()
-        .for_each(|&v| new_index[v as usize] = 0);
+    faces.iter().flatten().for_each(|&v| new_index[v as usize] = 0);
     let mut kept = Vec::new();
     for (old, new) in new_index.iter_mut().enumerate().filter(|e| *e.1 == 0) {
         *new = kept.len() as u32;
         kept.push(points[old]);
     }
-    let faces = faces
-        .iter()
-        .map(|f| f.map(|v| new_index[v as usize]))
-        .collect();
+    let faces = faces.iter().map(|f| f.map(|v| new_index[v as usize])).collect();
     Ok((kept, faces))
 }
 

@@ -31,23 +31,13 @@ pub enum MeshError {
 impl fmt::Display for MeshError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::IndexOutOfRange {
-                face,
-                index,
-                vertices,
-            } => {
-                write!(
-                    f,
-                    "face {face} names vertex {index}, but there are {vertices} vertices"
-                )
+            Self::IndexOutOfRange { face, index, vertices } => {
+                write!(f, "face {face} names vertex {index}, but there are {vertices} vertices")
             }
             Self::NonFinite { vertex } => {
                 write!(f, "vertex {vertex} has a coordinate that is not finite")
             }
-            Self::TooLarge => write!(
-                f,
-                "the mesh has too many vertices or faces for 32-bit indices"
-            ),
+            Self::TooLarge => write!(f, "the mesh has too many vertices or faces for 32-bit indices"),
         }
     }
 }
@@ -63,11 +53,7 @@ pub fn check_faces(vertex_count: usize, faces: &[[u32; 3]]) -> Result<(), MeshEr
     for (face, corners) in faces.iter().enumerate() {
         for &index in corners {
             if index as usize >= vertex_count {
-                return Err(MeshError::IndexOutOfRange {
-                    face,
-                    index,
-                    vertices: vertex_count,
-                });
+                return Err(MeshError::IndexOutOfRange { face, index, vertices: vertex_count });
             }
         }
     }
@@ -77,10 +63,7 @@ pub fn check_faces(vertex_count: usize, faces: &[[u32; 3]]) -> Result<(), MeshEr
 /// Checks the faces as [`check_faces`] does, and that all coordinates are finite.
 pub fn check_mesh(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Result<(), MeshError> {
     check_faces(vertices.len(), faces)?;
-    match vertices
-        .iter()
-        .position(|p| p.iter().any(|x| !x.is_finite()))
-    {
+    match vertices.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
         Some(vertex) => Err(MeshError::NonFinite { vertex }),
         None => Ok(()),
     }
@@ -157,9 +140,7 @@ impl Csr {
 /// The vertices sharing a face with each vertex: sorted, without repeats, without the vertex itself.
 pub fn one_ring(vertex_count: usize, faces: &[[u32; 3]]) -> Result<Csr, MeshError> {
     check_faces(vertex_count, faces)?;
-    let pairs = faces
-        .iter()
-        .flat_map(|&[a, b, c]| [(a, b), (b, a), (b, c), (c, b), (c, a), (a, c)]);
+    let pairs = faces.iter().flat_map(|&[a, b, c]| [(a, b), (b, a), (b, c), (c, b), (c, a), (a, c)]);
     let mut ring = Csr::bucket(vertex_count, pairs.filter(|(a, b)| a != b));
     ring.sort_rows();
     Ok(ring)
@@ -168,10 +149,7 @@ pub fn one_ring(vertex_count: usize, faces: &[[u32; 3]]) -> Result<Csr, MeshErro
 /// The faces at each vertex, ascending; a face that names a vertex twice is listed once.
 pub fn vertex_faces(vertex_count: usize, faces: &[[u32; 3]]) -> Result<Csr, MeshError> {
     check_faces(vertex_count, faces)?;
-    let pairs = faces
-        .iter()
-        .zip(0u32..)
-        .flat_map(|(corners, face)| corners.map(|v| (v, face)));
+    let pairs = faces.iter().zip(0u32..).flat_map(|(corners, face)| corners.map(|v| (v, face)));
     let mut incidence = Csr::bucket(vertex_count, pairs);
     incidence.sort_rows();
     Ok(incidence)
@@ -202,10 +180,7 @@ pub fn edges(vertex_count: usize, faces: &[[u32; 3]]) -> Result<Edges, MeshError
     });
     let mut buckets = Csr::bucket(vertex_count, pairs);
     let mut ends: Vec<[u32; 2]> = Vec::new();
-    let mut incident = Csr {
-        offsets: Vec::new(),
-        targets: Vec::with_capacity(buckets.targets.len()),
-    };
+    let mut incident = Csr { offsets: Vec::new(), targets: Vec::with_capacity(buckets.targets.len()) };
     let mut face_edges = vec![[NO_EDGE; 3]; faces.len()];
     for v in 0..vertex_count {
         let (start, end) = (buckets.offsets[v], buckets.offsets[v + 1]);
@@ -227,11 +202,7 @@ pub fn edges(vertex_count: usize, faces: &[[u32; 3]]) -> Result<Edges, MeshError
         }
     }
     incident.offsets.push(incident.targets.len());
-    Ok(Edges {
-        ends,
-        faces: incident,
-        face_edges,
-    })
+    Ok(Edges { ends, faces: incident, face_edges })
 }
 
 #[cfg(test)]
@@ -264,14 +235,7 @@ mod tests {
         assert_eq!(edges.face_edges, [[NO_EDGE, 0, 0], [NO_EDGE; 3]]);
         assert!(one_ring(0, &[]).unwrap().is_empty());
         let refused = one_ring(2, &[[0, 1, 2]]).unwrap_err();
-        assert_eq!(
-            refused,
-            MeshError::IndexOutOfRange {
-                face: 0,
-                index: 2,
-                vertices: 2
-            }
-        );
+        assert_eq!(refused, MeshError::IndexOutOfRange { face: 0, index: 2, vertices: 2 });
         let nan = check_mesh(&[[0.0; 3], [f64::NAN, 0.0, 0.0]], &[]).unwrap_err();
         assert_eq!(nan, MeshError::NonFinite { vertex: 1 });
     }

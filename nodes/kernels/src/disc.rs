@@ -115,30 +115,16 @@ impl<'a> DiscCutter<'a> {
     /// The ball must come from a graph on this mesh. A centre that is not in the ball gives [`PatchKind::TooSmall`].
     pub fn cut(&mut self, center: u32, ball: &Ball<'_>, clip: bool) -> Patch {
         let known = |&&(v, _): &&(u32, f64)| (v as usize) < self.vertices.len();
-        let settled: Vec<(u32, f64)> = ball
-            .inside
-            .iter()
-            .chain(ball.rim)
-            .filter(known)
-            .copied()
-            .collect();
+        let settled: Vec<(u32, f64)> = ball.inside.iter().chain(ball.rim).filter(known).copied().collect();
         for &(v, d) in &settled {
             self.distance[v as usize] = d;
-            self.side[v as usize] = if d <= ball.radius {
-                Side::In
-            } else {
-                Side::Out
-            };
+            self.side[v as usize] = if d <= ball.radius { Side::In } else { Side::Out };
         }
         let near = self.faces_about(ball.inside);
         if clip {
             self.snap(&near, ball.radius);
         }
-        let pieces = if clip {
-            self.clipped(&near, ball.radius)
-        } else {
-            self.unclipped(&near)
-        };
+        let pieces = if clip { self.clipped(&near, ball.radius) } else { self.unclipped(&near) };
         let patch = self.assemble(center, &pieces, ball.radius);
         for &(v, _) in &settled {
             self.distance[v as usize] = f64::INFINITY;
@@ -153,10 +139,7 @@ impl<'a> DiscCutter<'a> {
     /// The faces with a vertex within the radius, ascending.
     fn faces_about(&mut self, inside: &[(u32, f64)]) -> Vec<u32> {
         let mut near = Vec::new();
-        for &(v, _) in inside
-            .iter()
-            .filter(|&&(v, _)| (v as usize) < self.vertices.len())
-        {
+        for &(v, _) in inside.iter().filter(|&&(v, _)| (v as usize) < self.vertices.len()) {
             for &f in self.incidence.row(v as usize) {
                 if !std::mem::replace(&mut self.face_seen[f as usize], true) {
                     near.push(f);
@@ -190,21 +173,13 @@ impl<'a> DiscCutter<'a> {
                 }
             }
         }
-        on.into_iter()
-            .for_each(|v| self.side[v as usize] = Side::On);
+        on.into_iter().for_each(|v| self.side[v as usize] = Side::On);
     }
 
     fn unclipped(&self, near: &[u32]) -> Pieces {
         let inside = |f: &[u32; 3]| f.iter().all(|&v| self.side[v as usize] == Side::In);
-        let faces = near
-            .iter()
-            .map(|&f| self.faces[f as usize])
-            .filter(inside)
-            .collect();
-        Pieces {
-            faces,
-            cuts: Vec::new(),
-        }
+        let faces = near.iter().map(|&f| self.faces[f as usize]).filter(inside).collect();
+        Pieces { faces, cuts: Vec::new() }
     }
 
     fn clipped(&self, near: &[u32], radius: f64) -> Pieces {
@@ -254,11 +229,7 @@ impl<'a> DiscCutter<'a> {
     }
 
     fn cut_point(&self, [a, b]: [u32; 2], radius: f64) -> [f64; 3] {
-        lerp(
-            self.vertices[a as usize],
-            self.vertices[b as usize],
-            self.fraction(a, b, radius),
-        )
+        lerp(self.vertices[a as usize], self.vertices[b as usize], self.fraction(a, b, radius))
     }
 
     /// Keeps the part about the centre, splits it into a manifold and measures it.
@@ -274,11 +245,7 @@ impl<'a> DiscCutter<'a> {
                 Some(cut) => self.cut_point(pieces.cuts[cut], radius),
             });
             patch.source.push(if cut.is_some() { CUT } else { corner });
-            patch.distance.push(if cut.is_some() {
-                radius
-            } else {
-                self.distance[corner as usize]
-            });
+            patch.distance.push(if cut.is_some() { radius } else { self.distance[corner as usize] });
         }
         let doubled = |f: &[u32; 3]| {
             let [a, b, c] = f.map(|v| patch.vertices[v as usize]);
@@ -301,11 +268,7 @@ impl<'a> DiscCutter<'a> {
 
     /// Whether some edge at `v` has one face only.
     fn on_boundary(&self, v: u32) -> bool {
-        let star = self
-            .incidence
-            .row(v as usize)
-            .iter()
-            .flat_map(|&f| self.faces[f as usize]);
+        let star = self.incidence.row(v as usize).iter().flat_map(|&f| self.faces[f as usize]);
         let mut others: Vec<u32> = star.filter(|&w| w != v).collect();
         others.sort_unstable();
         others.chunk_by(|a, b| a == b).any(|run| run.len() == 1)
@@ -343,9 +306,7 @@ struct Local {
 impl Local {
     fn new(pieces: &Pieces, center: u32) -> Option<Self> {
         let (names, faces) = compact(&pieces.faces);
-        let start = faces
-            .iter()
-            .position(|f| f.iter().any(|&v| names[v as usize] == center))?;
+        let start = faces.iter().position(|f| f.iter().any(|&v| names[v as usize] == center))?;
         let edges = adjacency::edges(names.len(), &faces).ok()?;
         // Faces are joined across proper edges only; an edge with three faces is a seam.
         let mut sets = Sets::new(faces.len());
@@ -355,9 +316,7 @@ impl Local {
             }
         }
         let home = sets.find(start as u32);
-        let kept: Vec<u32> = (0..faces.len() as u32)
-            .filter(|&f| sets.find(f) == home)
-            .collect();
+        let kept: Vec<u32> = (0..faces.len() as u32).filter(|&f| sets.find(f) == home).collect();
         let faces: Vec<[u32; 3]> = kept.iter().map(|&f| faces[f as usize]).collect();
         let edges = adjacency::edges(names.len(), &faces).ok()?;
         // Splitting vertices into fans, seams being cuts, leaves a manifold whatever was there.
@@ -375,18 +334,9 @@ impl Local {
                 on_rim[b as usize] = true;
             }
         }
-        let loops = (0..vertex.len() as u32)
-            .filter(|&v| on_rim[v as usize] && rim.find(v) == v)
-            .count();
+        let loops = (0..vertex.len() as u32).filter(|&v| on_rim[v as usize] && rim.find(v) == v).count();
         let euler = vertex.len() as i64 - edges.ends.len() as i64 + faces.len() as i64;
-        Some(Self {
-            center: local_center,
-            center_on_rim: on_rim[local_center as usize],
-            vertex,
-            faces,
-            loops,
-            euler,
-        })
+        Some(Self { center: local_center, center_on_rim: on_rim[local_center as usize], vertex, faces, loops, euler })
     }
 }
 

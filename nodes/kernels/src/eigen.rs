@@ -44,11 +44,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self {
-            tolerance: 1e-8,
-            block_size: 8,
-            dense_limit: 200,
-        }
+        Self { tolerance: 1e-8, block_size: 8, dense_limit: 200 }
     }
 }
 
@@ -167,32 +163,21 @@ impl fmt::Display for EigenError {
         match self {
             Self::NoneWanted => write!(f, "at least one eigenpair must be asked for"),
             Self::TooMany { wanted, available } => {
-                write!(
-                    f,
-                    "{wanted} eigenpairs were asked for, but {available} vertices have only {available}"
-                )
+                write!(f, "{wanted} eigenpairs were asked for, but {available} vertices have only {available}")
             }
             Self::Option { name } => write!(f, "option `{name}` is out of range"),
             Self::MassLength { rows, masses } => {
                 write!(f, "{masses} masses for a stiffness matrix of {rows} rows")
             }
-            Self::NotFinite { vertex } => write!(
-                f,
-                "vertex {vertex} has a mass that is not positive, or an entry that is not finite"
-            ),
-            Self::NotLaplacian { vertex } => write!(
-                f,
-                "row {vertex} of the stiffness matrix does not sum to zero"
-            ),
+            Self::NotFinite { vertex } => {
+                write!(f, "vertex {vertex} has a mass that is not positive, or an entry that is not finite")
+            }
+            Self::NotLaplacian { vertex } => write!(f, "row {vertex} of the stiffness matrix does not sum to zero"),
             Self::Factorisation { shift } => {
                 write!(f, "the sparse factorisation failed at the shift {shift:e}")
             }
             Self::Dense => write!(f, "the dense eigensolver did not converge"),
-            Self::NotCertified {
-                expected,
-                found,
-                residual,
-            } => write!(
+            Self::NotCertified { expected, found, residual } => write!(
                 f,
                 "eigenpairs could not be certified: {found} found where inertia counts {expected}, largest relative residual {residual:.1e}"
             ),
@@ -215,10 +200,7 @@ pub fn eigenpairs(
 ) -> Result<Eigenpairs, EigenError> {
     let n = operator.stiffness.n();
     if operator.mass.len() != n {
-        return Err(EigenError::MassLength {
-            rows: n,
-            masses: operator.mass.len(),
-        });
+        return Err(EigenError::MassLength { rows: n, masses: operator.mass.len() });
     }
     let kernel = Kernel::of_components(&operator.stiffness)?;
     let problem = Problem::new(&operator.stiffness, &operator.mass, Some(kernel))?;

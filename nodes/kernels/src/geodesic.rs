@@ -27,11 +27,7 @@ pub struct Graph {
 
 impl Graph {
     /// Lays the graph of `metric` on a mesh. Refuses indices out of range and coordinates that are not finite.
-    pub fn new(
-        vertices: &[[f64; 3]],
-        faces: &[[u32; 3]],
-        metric: Metric,
-    ) -> Result<Self, MeshError> {
+    pub fn new(vertices: &[[f64; 3]], faces: &[[u32; 3]], metric: Metric) -> Result<Self, MeshError> {
         adjacency::check_mesh(vertices, faces)?;
         let edges = adjacency::edges(vertices.len(), faces)?;
         let point = |v: u32| vertices[v as usize];
@@ -62,10 +58,7 @@ impl Graph {
         }
         let targets = links.iter().map(|l| l.1).collect();
         let weights = links.iter().map(|l| l.2).collect();
-        Ok(Self {
-            links: Csr { offsets, targets },
-            weights,
-        })
+        Ok(Self { links: Csr { offsets, targets }, weights })
     }
 
     /// Number of vertices, isolated ones included.
@@ -83,10 +76,7 @@ impl Graph {
     /// The neighbours of `v` and the lengths to them, by ascending index.
     pub fn neighbours(&self, v: u32) -> impl Iterator<Item = (u32, f64)> + '_ {
         let range = self.links.offsets[v as usize]..self.links.offsets[v as usize + 1];
-        self.links.targets[range.clone()]
-            .iter()
-            .copied()
-            .zip(self.weights[range].iter().copied())
+        self.links.targets[range.clone()].iter().copied().zip(self.weights[range].iter().copied())
     }
 }
 
@@ -122,10 +112,7 @@ struct Entry {
 
 impl Ord for Entry {
     fn cmp(&self, other: &Self) -> Ordering {
-        other
-            .distance
-            .total_cmp(&self.distance)
-            .then(other.vertex.cmp(&self.vertex))
+        other.distance.total_cmp(&self.distance).then(other.vertex.cmp(&self.vertex))
     }
 }
 impl PartialOrd for Entry {
@@ -194,10 +181,7 @@ impl Dijkstra {
                 self.distance[vertex as usize] = 0.0;
                 self.state[vertex as usize] = State::Reached;
                 self.touched.push(vertex);
-                self.heap.push(Entry {
-                    distance: 0.0,
-                    vertex,
-                });
+                self.heap.push(Entry { distance: 0.0, vertex });
             }
         }
     }
@@ -243,18 +227,11 @@ impl Dijkstra {
                 }
                 if through < self.distance[slot] {
                     self.distance[slot] = through;
-                    self.heap.push(Entry {
-                        distance: through,
-                        vertex: next,
-                    });
+                    self.heap.push(Entry { distance: through, vertex: next });
                 }
             }
         }
         let (inside, rim) = self.settled.split_at(inside);
-        Ball {
-            radius,
-            inside,
-            rim,
-        }
+        Ball { radius, inside, rim }
     }
 }

@@ -54,10 +54,7 @@ pub fn laplacian(
     intrinsic_delaunay: bool,
 ) -> Result<Operator, LaplacianError> {
     check_indices(vertices.len(), faces)?;
-    if let Some(vertex) = vertices
-        .iter()
-        .position(|p| p.iter().any(|x| !x.is_finite()))
-    {
+    if let Some(vertex) = vertices.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
         return Err(LaplacianError::NonFinite { vertex });
     }
     for (face, &[a, b, c]) in faces.iter().enumerate() {
@@ -88,10 +85,7 @@ pub fn laplacian_from_lengths(
     intrinsic_delaunay: bool,
 ) -> Result<Operator, LaplacianError> {
     if lengths.len() != faces.len() {
-        return Err(LaplacianError::LengthCount {
-            faces: faces.len(),
-            lengths: lengths.len(),
-        });
+        return Err(LaplacianError::LengthCount { faces: faces.len(), lengths: lengths.len() });
     }
     check_indices(vertex_count, faces)?;
     let triangles = measure(faces, |face| Triangle::from_lengths(lengths[face]))?;
@@ -113,13 +107,8 @@ fn delaunay_operator(
     assemble(n, &faces, &triangles, area)
 }
 
-fn measure(
-    faces: &[[u32; 3]],
-    triangle: impl Fn(usize) -> Option<Triangle>,
-) -> Result<Vec<Triangle>, LaplacianError> {
-    (0..faces.len())
-        .map(|face| triangle(face).ok_or(LaplacianError::ZeroAreaFace { face }))
-        .collect()
+fn measure(faces: &[[u32; 3]], triangle: impl Fn(usize) -> Option<Triangle>) -> Result<Vec<Triangle>, LaplacianError> {
+    (0..faces.len()).map(|face| triangle(face).ok_or(LaplacianError::ZeroAreaFace { face })).collect()
 }
 
 fn check_indices(n: usize, faces: &[[u32; 3]]) -> Result<(), LaplacianError> {
@@ -140,22 +129,14 @@ fn check_indices(n: usize, faces: &[[u32; 3]]) -> Result<(), LaplacianError> {
 
 fn check_referenced(n: usize, faces: &[[u32; 3]]) -> Result<(), LaplacianError> {
     let mut seen = vec![false; n];
-    faces
-        .iter()
-        .flatten()
-        .for_each(|&v| seen[v as usize] = true);
+    faces.iter().flatten().for_each(|&v| seen[v as usize] = true);
     match seen.iter().position(|s| !s) {
         Some(vertex) => Err(LaplacianError::UnreferencedVertex { vertex }),
         None => Ok(()),
     }
 }
 
-fn assemble(
-    n: usize,
-    faces: &[[u32; 3]],
-    triangles: &[Triangle],
-    area: Area,
-) -> Result<Operator, LaplacianError> {
+fn assemble(n: usize, faces: &[[u32; 3]], triangles: &[Triangle], area: Area) -> Result<Operator, LaplacianError> {
     check_referenced(n, faces)?;
     let mut edges = Vec::with_capacity(3 * faces.len());
     let mut mass = vec![0.0; n];
@@ -165,19 +146,12 @@ fn assemble(
             Area::Barycentric => [triangle.area / 3.0; 3],
         };
         for i in 0..3 {
-            edges.push((
-                corners[(i + 1) % 3],
-                corners[(i + 2) % 3],
-                0.5 * triangle.cotangents[i],
-            ));
+            edges.push((corners[(i + 1) % 3], corners[(i + 2) % 3], 0.5 * triangle.cotangents[i]));
             mass[corners[i] as usize] += shares[i];
         }
     }
     if let Some(vertex) = mass.iter().position(|s| !(s.is_finite() && *s > 0.0)) {
         return Err(LaplacianError::NotPositive { vertex }); // areas that under- or overflow
     }
-    Ok(Operator {
-        stiffness: SymmetricCsr::graph_laplacian(n, &edges),
-        mass,
-    })
+    Ok(Operator { stiffness: SymmetricCsr::graph_laplacian(n, &edges), mass })
 }

@@ -19,11 +19,7 @@ impl NearestVertex {
         let finite = |i: &u32| points[*i as usize].iter().all(|x| x.is_finite());
         let order: Vec<u32> = (0..points.len() as u32).filter(finite).collect();
         let axes = vec![0; order.len()];
-        let mut tree = Self {
-            points: points.to_vec(),
-            order,
-            axes,
-        };
+        let mut tree = Self { points: points.to_vec(), order, axes };
         tree.build(0, tree.order.len());
         tree
     }
@@ -41,19 +37,13 @@ impl NearestVertex {
             }
         }
         let widest = |best: usize, axis: usize| {
-            if high[axis] - low[axis] > high[best] - low[best] {
-                axis
-            } else {
-                best
-            }
+            if high[axis] - low[axis] > high[best] - low[best] { axis } else { best }
         };
         let axis = (1..3).fold(0, widest);
         let middle = (end - start) / 2;
         let points = &self.points;
         run.select_nth_unstable_by(middle, |&i, &j| {
-            points[i as usize][axis]
-                .total_cmp(&points[j as usize][axis])
-                .then(i.cmp(&j))
+            points[i as usize][axis].total_cmp(&points[j as usize][axis]).then(i.cmp(&j))
         });
         self.axes[start + middle] = axis as u8;
         self.build(start, start + middle);
@@ -87,11 +77,7 @@ impl NearestVertex {
         let offset = query[axis] - point[axis];
         let below = (start, middle);
         let above = (middle + 1, end);
-        let (near, far) = if offset < 0.0 {
-            (below, above)
-        } else {
-            (above, below)
-        };
+        let (near, far) = if offset < 0.0 { (below, above) } else { (above, below) };
         self.search(query, near.0, near.1, best);
         // Not strict: a point at the very same distance but of lower index may lie across the plane.
         if offset * offset <= best.0 {
@@ -107,19 +93,14 @@ mod tests {
     fn points(count: usize, levels: u64) -> Vec<[f64; 3]> {
         let mut state = 7u64;
         let mut next = || {
-            state = state
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             ((state >> 33) % levels) as f64 / levels as f64
         };
         (0..count).map(|_| [next(), next(), next()]).collect()
     }
 
     fn brute(points: &[[f64; 3]], query: [f64; 3]) -> (u32, f64) {
-        let all = points
-            .iter()
-            .zip(0u32..)
-            .map(|(&p, i)| (distance2(query, p), i));
+        let all = points.iter().zip(0u32..).map(|(&p, i)| (distance2(query, p), i));
         let (d, i) = all.min_by(|a, b| a.partial_cmp(b).unwrap()).unwrap();
         (i, d.sqrt())
     }

@@ -21,11 +21,7 @@ pub struct PatchOptions {
 
 impl Default for PatchOptions {
     fn default() -> Self {
-        Self {
-            area: Area::Mixed,
-            intrinsic_delaunay: false,
-            dense_limit: 250,
-        }
+        Self { area: Area::Mixed, intrinsic_delaunay: false, dense_limit: 250 }
     }
 }
 
@@ -70,10 +66,7 @@ impl fmt::Display for PatchError {
         match self {
             Self::NoneWanted => write!(f, "at least one eigenvalue must be asked for"),
             Self::TooFew { wanted, available } => {
-                write!(
-                    f,
-                    "{wanted} nonzero eigenvalues were asked for, but the closed patch has only {available}"
-                )
+                write!(f, "{wanted} nonzero eigenvalues were asked for, but the closed patch has only {available}")
             }
             Self::Disconnected { components } => write!(f, "the patch is in {components} pieces"),
             Self::Laplacian(error) => write!(f, "the patch has no Laplacian: {error}"),
@@ -120,52 +113,29 @@ pub fn patch_spectrum(
     let operator = laplacian(vertices, faces, options.area, options.intrinsic_delaunay)?;
     let kernel = Kernel::of_components(&operator.stiffness)?;
     if kernel.count() != 1 {
-        return Err(PatchError::Disconnected {
-            components: kernel.count(),
-        });
+        return Err(PatchError::Disconnected { components: kernel.count() });
     }
     let interior = interior_vertices(vertices.len(), faces);
     let doubled = interior.len() < vertices.len();
     let mut available = vertices.len() - 1;
-    let mut parts = vec![Part {
-        operator: &operator,
-        kernel: 1,
-    }];
+    let mut parts = vec![Part { operator: &operator, kernel: 1 }];
     let restricted;
     if doubled {
         available += interior.len();
         restricted = Operator {
             stiffness: operator.stiffness.principal_submatrix(&interior),
-            mass: interior
-                .iter()
-                .map(|&i| operator.mass[i as usize])
-                .collect(),
+            mass: interior.iter().map(|&i| operator.mass[i as usize]).collect(),
         };
         if !interior.is_empty() {
-            parts.push(Part {
-                operator: &restricted,
-                kernel: 0,
-            });
+            parts.push(Part { operator: &restricted, kernel: 0 });
         }
     }
     if available < count {
-        return Err(PatchError::TooFew {
-            wanted: count,
-            available,
-        });
+        return Err(PatchError::TooFew { wanted: count, available });
     }
     let values = merged(&parts, count, options, hooks)?;
     let patch_area = operator.area();
-    Ok(PatchSpectrum {
-        values,
-        doubled,
-        patch_area,
-        closed_area: if doubled {
-            2.0 * patch_area
-        } else {
-            patch_area
-        },
-    })
+    Ok(PatchSpectrum { values, doubled, patch_area, closed_area: if doubled { 2.0 * patch_area } else { patch_area } })
 }
 
 /// One of the two problems: Neumann, with the constants as its kernel of dimension 1, or Dirichlet, with none.
@@ -180,49 +150,29 @@ impl Part<'_> {
     }
 
     /// At least the first `want` positive eigenvalues, or all there are; and whether they are all.
-    fn values(
-        &self,
-        want: usize,
-        options: &PatchOptions,
-        hooks: &dyn Hooks,
-    ) -> Result<(Vec<f64>, bool), EigenError> {
+    fn values(&self, want: usize, options: &PatchOptions, hooks: &dyn Hooks) -> Result<(Vec<f64>, bool), EigenError> {
         if hooks.cancelled() {
             return Err(EigenError::Cancelled);
         }
         let stiffness = &self.operator.stiffness;
-        let kernel = if self.kernel == 1 {
-            Some(Kernel::of_components(stiffness)?)
-        } else {
-            None
-        };
+        let kernel = if self.kernel == 1 { Some(Kernel::of_components(stiffness)?) } else { None };
         let problem = Problem::new(stiffness, &self.operator.mass, kernel)?;
         if self.n() <= options.dense_limit {
             return Ok((dense_values(&problem)?, true));
         }
         let k = (want + self.kernel).min(self.n());
-        let solver = Options {
-            dense_limit: options.dense_limit,
-            ..Options::default()
-        };
+        let solver = Options { dense_limit: options.dense_limit, ..Options::default() };
         let pairs = solve(&problem, k, &solver, hooks)?;
         Ok((pairs.values[self.kernel..].to_vec(), k == self.n()))
     }
 }
 
 /// The `count` smallest values of the union of the parts.
-fn merged(
-    parts: &[Part<'_>],
-    count: usize,
-    options: &PatchOptions,
-    hooks: &dyn Hooks,
-) -> Result<Vec<f64>, EigenError> {
+fn merged(parts: &[Part<'_>], count: usize, options: &PatchOptions, hooks: &dyn Hooks) -> Result<Vec<f64>, EigenError> {
     // By Weyl's law each part has about its share of the values; more are computed if that was too few.
     let mut want = count.div_ceil(parts.len()) + count / 8 + 4 * (parts.len() - 1);
     loop {
-        let spectra = parts
-            .iter()
-            .map(|p| p.values(want, options, hooks))
-            .collect::<Result<Vec<_>, _>>()?;
+        let spectra = parts.iter().map(|p| p.values(want, options, hooks)).collect::<Result<Vec<_>, _>>()?;
         let mut union: Vec<f64> = spectra.iter().flat_map(|s| s.0.iter().copied()).collect();
         union.sort_by(f64::total_cmp);
         union.truncate(count);
@@ -242,13 +192,7 @@ fn merged(
 fn interior_vertices(n: usize, faces: &[[u32; 3]]) -> Vec<u32> {
     let mut edges: Vec<(u32, u32)> = faces
         .iter()
-        .flat_map(|&[a, b, c]| {
-            [
-                (a.min(b), a.max(b)),
-                (b.min(c), b.max(c)),
-                (c.min(a), c.max(a)),
-            ]
-        })
+        .flat_map(|&[a, b, c]| [(a.min(b), a.max(b)), (b.min(c), b.max(c)), (c.min(a), c.max(a))])
         .collect();
     edges.sort_unstable();
     let mut inside = vec![true; n];

@@ -46,19 +46,8 @@ impl Quadric {
     /// The plane through `p` with unit normal `n`.
     fn plane(n: [f64; 3], p: [f64; 3], weight: f64) -> Self {
         let offset = dot(n, p);
-        let a = [
-            n[0] * n[0],
-            n[0] * n[1],
-            n[0] * n[2],
-            n[1] * n[1],
-            n[1] * n[2],
-            n[2] * n[2],
-        ];
-        Self {
-            a: a.map(|x| weight * x),
-            b: scale(n, weight * offset),
-            c: weight * offset * offset,
-        }
+        let a = [n[0] * n[0], n[0] * n[1], n[0] * n[2], n[1] * n[1], n[1] * n[2], n[2] * n[2]];
+        Self { a: a.map(|x| weight * x), b: scale(n, weight * offset), c: weight * offset * offset }
     }
 
     fn sum(mut self, other: &Self) -> Self {
@@ -70,11 +59,7 @@ impl Quadric {
 
     fn at(&self, x: [f64; 3]) -> f64 {
         let [xx, xy, xz, yy, yz, zz] = self.a;
-        let ax = [
-            dot([xx, xy, xz], x),
-            dot([xy, yy, yz], x),
-            dot([xz, yz, zz], x),
-        ];
+        let ax = [dot([xx, xy, xz], x), dot([xy, yy, yz], x), dot([xz, yz, zz], x)];
         (dot(x, ax) - 2.0 * dot(self.b, x) + self.c).max(0.0)
     }
 
@@ -82,11 +67,7 @@ impl Quadric {
     fn best(&self, middle: [f64; 3]) -> [f64; 3] {
         let [xx, xy, xz, yy, yz, zz] = self.a;
         let pull = PULL * (xx + yy + zz);
-        let rows = [
-            [xx + pull, xy, xz],
-            [xy, yy + pull, yz],
-            [xz, yz, zz + pull],
-        ];
+        let rows = [[xx + pull, xy, xz], [xy, yy + pull, yz], [xz, yz, zz + pull]];
         let right = add(self.b, scale(middle, pull));
         let det = dot(rows[0], cross(rows[1], rows[2]));
         if det.abs() <= f64::MIN_POSITIVE {
@@ -121,25 +102,14 @@ struct Decimation {
 ///
 /// Boundaries stay in place as far as possible and each component keeps its topology. Vertices that no face names are dropped.
 /// Refuses indices out of range and coordinates that are not finite.
-pub fn simplify(
-    vertices: &[[f64; 3]],
-    faces: &[[u32; 3]],
-    target: usize,
-) -> Result<Simplified, MeshError> {
+pub fn simplify(vertices: &[[f64; 3]], faces: &[[u32; 3]], target: usize) -> Result<Simplified, MeshError> {
     adjacency::check_mesh(vertices, faces)?;
     let target = target.max(4);
     let (low, high) = bounding_box(vertices).unwrap_or_default();
     let center = lerp(low, high, 0.5);
     let extent = norm(sub(high, low));
-    let unit = if extent > 0.0 && extent.is_finite() {
-        extent
-    } else {
-        1.0
-    };
-    let scaled: Vec<[f64; 3]> = vertices
-        .iter()
-        .map(|&p| scale(sub(p, center), 1.0 / unit))
-        .collect();
+    let unit = if extent > 0.0 && extent.is_finite() { extent } else { 1.0 };
+    let scaled: Vec<[f64; 3]> = vertices.iter().map(|&p| scale(sub(p, center), 1.0 / unit)).collect();
     let mut work = Decimation::new(scaled.clone(), faces);
     let mut count = work.mesh.star.iter().filter(|s| !s.is_empty()).count();
     // An offer refused once may become possible when its surroundings change: go round until nothing does.
@@ -152,20 +122,11 @@ pub fn simplify(
         }
     }
     let (kept, faces) = work.mesh.finish();
-    let mut result = Simplified {
-        vertices: Vec::new(),
-        faces,
-        source: Vec::new(),
-        reached: count <= target,
-    };
+    let mut result = Simplified { vertices: Vec::new(), faces, source: Vec::new(), reached: count <= target };
     for &v in &kept {
         // An untouched vertex keeps its coordinates to the last bit.
         let touched = work.version[v as usize] > 0;
-        let position = if touched {
-            add(scale(work.points[v as usize], unit), center)
-        } else {
-            vertices[v as usize]
-        };
+        let position = if touched { add(scale(work.points[v as usize], unit), center) } else { vertices[v as usize] };
         result.vertices.push(position);
         result.source.push(work.nearest_member(v, &scaled));
     }
@@ -186,9 +147,7 @@ impl Decimation {
             }
             let unit = scale(doubled, 1.0 / size);
             let plane = Quadric::plane(unit, a, size / 2.0);
-            corners
-                .iter()
-                .for_each(|&v| quadrics[v as usize] = quadrics[v as usize].sum(&plane));
+            corners.iter().for_each(|&v| quadrics[v as usize] = quadrics[v as usize].sum(&plane));
             for k in 0..3 {
                 let (u, v) = (corners[k], corners[(k + 1) % 3]);
                 if mesh.sides(u, v).len() == 1 {
@@ -197,14 +156,8 @@ impl Decimation {
                     let wall = cross(along, unit);
                     let length = norm(wall);
                     if length > 0.0 {
-                        let plane = Quadric::plane(
-                            scale(wall, 1.0 / length),
-                            p,
-                            BOUNDARY * length * length,
-                        );
-                        [u, v]
-                            .iter()
-                            .for_each(|&w| quadrics[w as usize] = quadrics[w as usize].sum(&plane));
+                        let plane = Quadric::plane(scale(wall, 1.0 / length), p, BOUNDARY * length * length);
+                        [u, v].iter().for_each(|&w| quadrics[w as usize] = quadrics[w as usize].sum(&plane));
                     }
                 }
             }
@@ -239,13 +192,7 @@ impl Decimation {
     fn offer(&mut self, a: u32, b: u32) {
         let (low, high) = (a.min(b), a.max(b));
         let cost = self.position(low, high).1 as f32;
-        self.heap.push(Reverse((
-            cost.to_bits(),
-            low,
-            high,
-            self.version[low as usize],
-            self.version[high as usize],
-        )));
+        self.heap.push(Reverse((cost.to_bits(), low, high, self.version[low as usize], self.version[high as usize])));
     }
 
     /// Collapses until the target or the end of the offers; the vertices left.
@@ -259,10 +206,7 @@ impl Decimation {
                 continue;
             }
             let (place, _) = self.position(a, b);
-            let fits = |v: u32, other: u32| {
-                self.mesh
-                    .move_keeps_normals(&self.points, v, other, place, TURN, FLATTEST)
-            };
+            let fits = |v: u32, other: u32| self.mesh.move_keeps_normals(&self.points, v, other, place, TURN, FLATTEST);
             if !fits(a, b) || !fits(b, a) {
                 continue;
             }
@@ -291,10 +235,7 @@ impl Decimation {
         let mut best = (f32::INFINITY, v);
         let mut member = v;
         while member != u32::MAX {
-            let found = (
-                distance2(self.points[v as usize], originals[member as usize]) as f32,
-                member,
-            );
+            let found = (distance2(self.points[v as usize], originals[member as usize]) as f32, member);
             if found < best {
                 best = found;
             }

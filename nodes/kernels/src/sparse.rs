@@ -51,10 +51,9 @@ impl fmt::Display for SparseError {
             }
             Self::Diagonal { row } => write!(f, "row {row} has no diagonal entry"),
             Self::NonFinite { row } => write!(f, "row {row} has an entry that is not finite"),
-            Self::Asymmetric { row, column } => write!(
-                f,
-                "entry ({row}, {column}) differs from entry ({column}, {row})"
-            ),
+            Self::Asymmetric { row, column } => {
+                write!(f, "entry ({row}, {column}) differs from entry ({column}, {row})")
+            }
         }
     }
 }
@@ -63,21 +62,13 @@ impl std::error::Error for SparseError {}
 
 impl SymmetricCsr {
     /// A matrix from its arrays, as read back from a file: `offsets` has one element more than there are rows.
-    pub fn from_parts(
-        offsets: Vec<usize>,
-        columns: Vec<u32>,
-        values: Vec<f64>,
-    ) -> Result<Self, SparseError> {
+    pub fn from_parts(offsets: Vec<usize>, columns: Vec<u32>, values: Vec<f64>) -> Result<Self, SparseError> {
         let ascending = offsets.windows(2).all(|w| w[0] <= w[1]);
         let ends = offsets.first() == Some(&0) && offsets.last() == Some(&columns.len());
         if !ascending || !ends || columns.len() != values.len() {
             return Err(SparseError::Offsets);
         }
-        let matrix = Self {
-            offsets,
-            columns,
-            values,
-        };
+        let matrix = Self { offsets, columns, values };
         for row in 0..matrix.n() {
             matrix.check_row(row)?;
         }
@@ -95,9 +86,7 @@ impl SymmetricCsr {
     fn check_row(&self, row: usize) -> Result<(), SparseError> {
         let range = self.offsets[row]..self.offsets[row + 1];
         let columns = &self.columns[range.clone()];
-        if columns.windows(2).any(|w| w[0] >= w[1])
-            || columns.last().is_some_and(|&c| c as usize >= self.n())
-        {
+        if columns.windows(2).any(|w| w[0] >= w[1]) || columns.last().is_some_and(|&c| c as usize >= self.n()) {
             return Err(SparseError::Columns { row });
         }
         if columns.binary_search(&(row as u32)).is_err() {
@@ -130,11 +119,7 @@ impl SymmetricCsr {
                 next[from as usize] += 1;
             }
         }
-        let mut matrix = Self {
-            offsets: vec![0],
-            columns: Vec::new(),
-            values: Vec::new(),
-        };
+        let mut matrix = Self { offsets: vec![0], columns: Vec::new(), values: Vec::new() };
         for row in 0..n {
             let neighbours = &mut entries[starts[row]..starts[row + 1]];
             neighbours.sort_by_key(|e| e.0); // stable, so that sums run in the order of the edges
@@ -186,19 +171,14 @@ impl SymmetricCsr {
     /// The entries of a row as (column, value), columns ascending.
     pub fn row(&self, row: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
         let range = self.offsets[row]..self.offsets[row + 1];
-        self.columns[range.clone()]
-            .iter()
-            .map(|&c| c as usize)
-            .zip(self.values[range].iter().copied())
+        self.columns[range.clone()].iter().map(|&c| c as usize).zip(self.values[range].iter().copied())
     }
 
     /// The stored entry at (row, column), if there is one.
     #[must_use]
     pub fn get(&self, row: usize, column: usize) -> Option<f64> {
         let range = self.offsets[row]..self.offsets[row + 1];
-        let at = self.columns[range.clone()]
-            .binary_search(&(column as u32))
-            .ok()?;
+        let at = self.columns[range.clone()].binary_search(&(column as u32)).ok()?;
         Some(self.values[range.start + at])
     }
 
@@ -212,20 +192,14 @@ impl SymmetricCsr {
     #[must_use]
     pub fn row_sum(&self, row: usize) -> f64 {
         // Off-diagonal entries first, in the order in which the diagonal was summed: for a Laplacian the result is exactly 0.
-        let others = self
-            .row(row)
-            .filter(|e| e.0 != row)
-            .map(|e| e.1)
-            .sum::<f64>();
+        let others = self.row(row).filter(|e| e.0 != row).map(|e| e.1).sum::<f64>();
         self.diagonal(row) + others
     }
 
     /// The product with a vector of length n.
     #[must_use]
     pub fn multiply(&self, x: &[f64]) -> Vec<f64> {
-        (0..self.n())
-            .map(|i| self.row(i).map(|(j, v)| v * x[j]).sum())
-            .collect()
+        (0..self.n()).map(|i| self.row(i).map(|(j, v)| v * x[j]).sum()).collect()
     }
 
     /// The rows and columns listed in `keep` (ascending), renumbered by their place in that list.
@@ -235,16 +209,9 @@ impl SymmetricCsr {
         for (new, &old) in keep.iter().enumerate() {
             new_index[old as usize] = new as u32;
         }
-        let mut matrix = Self {
-            offsets: vec![0],
-            columns: Vec::new(),
-            values: Vec::new(),
-        };
+        let mut matrix = Self { offsets: vec![0], columns: Vec::new(), values: Vec::new() };
         for &old in keep {
-            for (column, value) in self
-                .row(old as usize)
-                .filter(|e| new_index[e.0] != u32::MAX)
-            {
+            for (column, value) in self.row(old as usize).filter(|e| new_index[e.0] != u32::MAX) {
                 matrix.columns.push(new_index[column]);
                 matrix.values.push(value);
             }
@@ -287,24 +254,17 @@ mod tests {
 
     #[test]
     fn graph_laplacian_sums_repeated_edges_and_ignores_loops() {
-        let m = SymmetricCsr::graph_laplacian(
-            4,
-            &[(2, 0, 1.5), (1, 1, 9.0), (0, 2, 0.25), (1, 2, -0.5)],
-        );
+        let m = SymmetricCsr::graph_laplacian(4, &[(2, 0, 1.5), (1, 1, 9.0), (0, 2, 0.25), (1, 2, -0.5)]);
         assert_eq!(m.offsets(), &[0, 2, 4, 7, 8]);
         assert_eq!(m.columns(), &[0, 2, 1, 2, 0, 1, 2, 3]);
         assert_eq!(m.values(), &[1.75, -1.75, -0.5, 0.5, -1.75, 0.5, 1.25, 0.0]);
         assert_eq!(m.components(), (2, vec![0, 0, 0, 1]));
-        assert_eq!(
-            m.multiply(&[1.0, 0.0, 2.0, 5.0]),
-            vec![-1.75, 1.0, 0.75, 0.0]
-        );
+        assert_eq!(m.multiply(&[1.0, 0.0, 2.0, 5.0]), vec![-1.75, 1.0, 0.75, 0.0]);
     }
 
     #[test]
     fn from_parts_refuses_what_is_not_symmetric() {
-        let ok =
-            SymmetricCsr::from_parts(vec![0, 2, 4], vec![0, 1, 0, 1], vec![1.0, -1.0, -1.0, 1.0]);
+        let ok = SymmetricCsr::from_parts(vec![0, 2, 4], vec![0, 1, 0, 1], vec![1.0, -1.0, -1.0, 1.0]);
         assert_eq!(ok.expect("symmetric").diagonal(1), 1.0);
         let bad = |o: &[usize], c: &[u32], v: &[f64]| {
             SymmetricCsr::from_parts(o.to_vec(), c.to_vec(), v.to_vec()).unwrap_err()
@@ -313,19 +273,10 @@ mod tests {
             bad(&[0, 2, 4], &[0, 1, 0, 1], &[1.0, -1.0, -2.0, 1.0]),
             SparseError::Asymmetric { row: 0, column: 1 }
         );
-        assert_eq!(
-            bad(&[0, 2, 3], &[0, 1, 1], &[1.0, -1.0, 1.0]),
-            SparseError::Asymmetric { row: 0, column: 1 }
-        );
-        assert_eq!(
-            bad(&[0, 1, 2], &[0, 0], &[1.0, 1.0]),
-            SparseError::Diagonal { row: 1 }
-        );
+        assert_eq!(bad(&[0, 2, 3], &[0, 1, 1], &[1.0, -1.0, 1.0]), SparseError::Asymmetric { row: 0, column: 1 });
+        assert_eq!(bad(&[0, 1, 2], &[0, 0], &[1.0, 1.0]), SparseError::Diagonal { row: 1 });
         assert_eq!(bad(&[0, 1], &[3], &[1.0]), SparseError::Columns { row: 0 });
-        assert_eq!(
-            bad(&[0, 1], &[0], &[f64::NAN]),
-            SparseError::NonFinite { row: 0 }
-        );
+        assert_eq!(bad(&[0, 1], &[0], &[f64::NAN]), SparseError::NonFinite { row: 0 });
         assert_eq!(bad(&[0, 2], &[0], &[1.0]), SparseError::Offsets);
         assert_eq!(bad(&[], &[], &[]), SparseError::Offsets);
     }

@@ -70,14 +70,8 @@ pub fn components(vertex_count: usize, faces: &[[u32; 3]]) -> Result<Components,
     let (label, count) = sets.labels();
     let (mut vertices, mut per_face) = (vec![0; count], vec![0; count]);
     label.iter().for_each(|&l| vertices[l as usize] += 1);
-    faces
-        .iter()
-        .for_each(|f| per_face[label[f[0] as usize] as usize] += 1);
-    Ok(Components {
-        label,
-        vertices,
-        faces: per_face,
-    })
+    faces.iter().for_each(|f| per_face[label[f[0] as usize] as usize] += 1);
+    Ok(Components { label, vertices, faces: per_face })
 }
 
 /// What keeps a mesh from being a clean closed surface, item by item.
@@ -125,9 +119,8 @@ pub fn census(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Result<Census, MeshE
     let edges = adjacency::edges(vertices.len(), faces)?;
     let components = components(vertices.len(), faces)?;
     let (mut non_manifold_edges, mut inconsistent_edges) = (Vec::new(), Vec::new());
-    let mut euler: Vec<i64> = (0..components.vertices.len())
-        .map(|c| components.vertices[c] as i64 + components.faces[c] as i64)
-        .collect();
+    let mut euler: Vec<i64> =
+        (0..components.vertices.len()).map(|c| components.vertices[c] as i64 + components.faces[c] as i64).collect();
     for (e, &ends) in edges.ends.iter().enumerate() {
         euler[components.label[ends[0] as usize] as usize] -= 1;
         match edges.faces.row(e) {
@@ -141,19 +134,14 @@ pub fn census(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Result<Census, MeshE
     let fans = Fans::new(faces, &edges, true);
     let mut fan_count = vec![0u32; vertices.len()];
     fans.vertex.iter().for_each(|&v| fan_count[v as usize] += 1);
-    let with_fans = |wanted: fn(u32) -> bool| {
-        (0..vertices.len() as u32)
-            .filter(|&v| wanted(fan_count[v as usize]))
-            .collect()
-    };
+    let with_fans =
+        |wanted: fn(u32) -> bool| (0..vertices.len() as u32).filter(|&v| wanted(fan_count[v as usize])).collect();
     let (boundary_edges, boundary_loops) = boundary(&fans, &edges);
     Ok(Census {
         non_manifold_edges,
         non_manifold_vertices: with_fans(|n| n > 1),
         inconsistent_edges,
-        zero_area_faces: (0..faces.len() as u32)
-            .filter(|&f| zero_area(vertices, faces[f as usize]))
-            .collect(),
+        zero_area_faces: (0..faces.len() as u32).filter(|&f| zero_area(vertices, faces[f as usize])).collect(),
         duplicate_vertices: duplicates(vertices),
         unreferenced_vertices: with_fans(|n| n == 0),
         boundary_edges,
@@ -215,12 +203,8 @@ impl Fans {
                 }
             }
         }
-        let corner_at = |face: u32, v: u32| {
-            faces[face as usize]
-                .iter()
-                .position(|&c| c == v)
-                .map(|k| 3 * face + k as u32)
-        };
+        let corner_at =
+            |face: u32, v: u32| faces[face as usize].iter().position(|&c| c == v).map(|k| 3 * face + k as u32);
         for (e, &ends) in edges.ends.iter().enumerate() {
             let around = edges.faces.row(e);
             if around.len() > 2 && !across_singular {
@@ -236,9 +220,7 @@ impl Fans {
         }
         let (label, count) = sets.labels();
         let mut vertex = vec![0; count];
-        let corner: Vec<[u32; 3]> = (0..faces.len())
-            .map(|f| [0, 1, 2].map(|k| label[3 * f + k]))
-            .collect();
+        let corner: Vec<[u32; 3]> = (0..faces.len()).map(|f| [0, 1, 2].map(|k| label[3 * f + k])).collect();
         for (fans, corners) in corner.iter().zip(faces) {
             for (&fan, &v) in fans.iter().zip(corners) {
                 vertex[fan as usize] = v;
@@ -264,8 +246,7 @@ fn boundary(fans: &Fans, edges: &Edges) -> (usize, usize) {
             }
         }
     }
-    let loops =
-        (0..fans.vertex.len() as u32).filter(|&f| on_boundary[f as usize] && sets.find(f) == f);
+    let loops = (0..fans.vertex.len() as u32).filter(|&f| on_boundary[f as usize] && sets.find(f) == f);
     (count, loops.count())
 }
 
@@ -281,14 +262,8 @@ pub struct Repaired {
 }
 
 /// Keeps the vertices for which `target` names themselves, and renames the others to their target in the faces.
-fn rebuild(
-    vertices: &[[f64; 3]],
-    faces: impl Iterator<Item = [u32; 3]>,
-    target: &[Option<u32>],
-) -> Repaired {
-    let source: Vec<u32> = (0..vertices.len() as u32)
-        .filter(|&v| target[v as usize] == Some(v))
-        .collect();
+fn rebuild(vertices: &[[f64; 3]], faces: impl Iterator<Item = [u32; 3]>, target: &[Option<u32>]) -> Repaired {
+    let source: Vec<u32> = (0..vertices.len() as u32).filter(|&v| target[v as usize] == Some(v)).collect();
     let mut renamed = vec![u32::MAX; vertices.len()];
     for (new, &old) in source.iter().enumerate() {
         renamed[old as usize] = new as u32;
@@ -316,21 +291,14 @@ pub fn weld(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Result<Repaired, MeshE
 pub fn drop_degenerate(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Result<Repaired, MeshError> {
     adjacency::check_mesh(vertices, faces)?;
     let target: Vec<Option<u32>> = (0..vertices.len() as u32).map(Some).collect();
-    Ok(rebuild(
-        vertices,
-        faces.iter().copied().filter(|&f| !zero_area(vertices, f)),
-        &target,
-    ))
+    Ok(rebuild(vertices, faces.iter().copied().filter(|&f| !zero_area(vertices, f)), &target))
 }
 
 /// Removes the vertices that no face names.
 pub fn drop_unreferenced(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Result<Repaired, MeshError> {
     adjacency::check_mesh(vertices, faces)?;
     let mut target = vec![None; vertices.len()];
-    faces
-        .iter()
-        .flatten()
-        .for_each(|&v| target[v as usize] = Some(v));
+    faces.iter().flatten().for_each(|&v| target[v as usize] = Some(v));
     Ok(rebuild(vertices, faces.iter().copied(), &target))
 }
 
@@ -341,11 +309,7 @@ pub fn largest_component(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Result<Re
     let largest = (0..found.faces.len()).max_by_key(|&c| (found.faces[c], std::cmp::Reverse(c)));
     let kept = |v: u32| (Some(found.label[v as usize] as usize) == largest).then_some(v);
     let target: Vec<Option<u32>> = (0..vertices.len() as u32).map(kept).collect();
-    Ok(rebuild(
-        vertices,
-        faces.iter().copied().filter(|f| kept(f[0]).is_some()),
-        &target,
-    ))
+    Ok(rebuild(vertices, faces.iter().copied().filter(|f| kept(f[0]).is_some()), &target))
 }
 
 /// Total area of the faces. Refuses indices out of range and coordinates that are not finite.
@@ -366,9 +330,6 @@ pub fn surface_area(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Result<f64, Me
 pub fn bounding_box(vertices: &[[f64; 3]]) -> Option<([f64; 3], [f64; 3])> {
     let first = *vertices.first()?;
     Some(vertices.iter().fold((first, first), |(low, high), p| {
-        (
-            [0, 1, 2].map(|k| low[k].min(p[k])),
-            [0, 1, 2].map(|k| high[k].max(p[k])),
-        )
+        ([0, 1, 2].map(|k| low[k].min(p[k])), [0, 1, 2].map(|k| high[k].max(p[k])))
     }))
 }

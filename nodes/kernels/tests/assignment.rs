@@ -1,6 +1,8 @@
 //! `assignment` against exhaustive enumeration.
 
-use salient_kernels::assignment::{Control, Limits, Problem, ProblemBuilder, ProblemError, Solution, SolveError, StopReason, solve};
+use salient_kernels::assignment::{
+    Control, Limits, Problem, ProblemBuilder, ProblemError, Solution, SolveError, StopReason, solve,
+};
 use std::cell::Cell;
 
 struct Random(u64);
@@ -37,7 +39,8 @@ impl Plain {
         let (density, pairs) = (r.real(0.2, 1.2), r.real(0.0, 1.2));
         let low = [0.0, -1.0, -0.3][r.below(3)];
         let integral = r.below(3) == 0;
-        let draw = |r: &mut Random, low: f64| if integral { (r.real(low, 1.0) * 9.0).round() } else { r.real(low, 1.0) };
+        let draw =
+            |r: &mut Random, low: f64| if integral { (r.real(low, 1.0) * 9.0).round() } else { r.real(low, 1.0) };
         let mut candidates = Vec::new();
         for i in 0..n.0 {
             for j in 0..n.1 {
@@ -157,7 +160,12 @@ fn compare(case: usize, plain: &Plain, memory: usize) -> u64 {
         assert!(s.objective <= optimum + tolerance, "case {case}");
         if s.proved {
             assert!((s.objective - optimum).abs() <= tolerance, "case {case}: {} {optimum}", s.objective);
-            assert!(s.gap() <= s.resolution + 1e-14 * (1.0 + optimum.abs()), "case {case}: gap {} res {}", s.gap(), s.resolution);
+            assert!(
+                s.gap() <= s.resolution + 1e-14 * (1.0 + optimum.abs()),
+                "case {case}: gap {} res {}",
+                s.gap(),
+                s.resolution
+            );
         } else {
             assert_eq!(s.stop, StopReason::NodeLimit, "case {case}");
         }
@@ -253,7 +261,9 @@ fn small_and_empty_problems() {
         let s = run(b);
         assert_eq!((s.pairs.len(), s.objective, s.proved), (0, -0.25 * (n + m) as f64, true));
     }
-    for (score, cost, expected) in [(2.0, 0.0, 2.0), (-2.0, 0.0, 0.0), (-2.0, 0.75, -1.5), (-2.0, 1.5, -2.0), (0.0, 0.0, 0.0)] {
+    for (score, cost, expected) in
+        [(2.0, 0.0, 2.0), (-2.0, 0.0, 0.0), (-2.0, 0.75, -1.5), (-2.0, 1.5, -2.0), (0.0, 0.0, 0.0)]
+    {
         let mut b = ProblemBuilder::new(1, 1);
         b.candidate(0, 0, score).unwrap();
         b.unmatched_cost(cost).unwrap();
@@ -298,7 +308,10 @@ fn invalid_input_is_refused_with_its_place() {
     assert_eq!(b.pair(1, 2, 1.0), Err(ProblemError::ExclusivePair { a: 1, b: 2 }));
     assert!(matches!(b.pair(0, 2, f64::INFINITY), Err(ProblemError::NonFinite { .. })));
     assert!(matches!(b.unmatched_cost(f64::NAN), Err(ProblemError::NonFinite { .. })));
-    assert!(matches!(b.unmatched_costs(&[0.0], &[0.0; 3]), Err(ProblemError::WrongLength { found: 1, expected: 2, .. })));
+    assert!(matches!(
+        b.unmatched_costs(&[0.0], &[0.0; 3]),
+        Err(ProblemError::WrongLength { found: 1, expected: 2, .. })
+    ));
     b.pair(2, 0, 1.0).unwrap();
     let mut twice = b.clone();
     twice.pair(0, 2, 1.0).unwrap();

@@ -35,14 +35,7 @@ pub struct Encoder {
 
 impl Encoder {
     pub(crate) fn new(kind: &'static str, format: u32) -> Self {
-        Self {
-            kind,
-            format,
-            header: BTreeMap::new(),
-            arrays: BTreeMap::new(),
-            changed: false,
-            error: None,
-        }
+        Self { kind, format, header: BTreeMap::new(), arrays: BTreeMap::new(), changed: false, error: None }
     }
 
     /// Adds a header entry: anything small that serialises to JSON.
@@ -98,8 +91,7 @@ impl Encoder {
         if let Some(error) = self.error {
             return Err(error);
         }
-        let header =
-            serde_json::json!({ "type": self.kind, "format": self.format, "header": self.header });
+        let header = serde_json::json!({ "type": self.kind, "format": self.format, "header": self.header });
         let metadata = HashMap::from([("salient".to_owned(), header.to_string())]);
         let mut views = Vec::with_capacity(self.arrays.len());
         for (name, array) in &self.arrays {
@@ -107,8 +99,7 @@ impl Encoder {
                 .map_err(|e| FormatError(format!("array `{name}`: {e}")))?;
             views.push((name.as_str(), view));
         }
-        let bytes = safetensors::serialize(views, Some(metadata))
-            .map_err(|e| FormatError(e.to_string()))?;
+        let bytes = safetensors::serialize(views, Some(metadata)).map_err(|e| FormatError(e.to_string()))?;
         Ok((bytes, self.changed))
     }
 }
@@ -137,14 +128,13 @@ pub struct Decoder<'a> {
 impl<'a> Decoder<'a> {
     /// Parses the bytes of any artefact.
     pub fn new(bytes: &'a [u8]) -> Result<Self, FormatError> {
-        let (_, metadata) =
-            SafeTensors::read_metadata(bytes).map_err(|e| FormatError(e.to_string()))?;
-        let text =
-            metadata.metadata().as_ref().and_then(|m| m.get("salient")).ok_or_else(|| {
-                FormatError("no `salient` header: not an artefact of ours".into())
-            })?;
-        let mut header: Value =
-            serde_json::from_str(text).map_err(|e| FormatError(e.to_string()))?;
+        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| FormatError(e.to_string()))?;
+        let text = metadata
+            .metadata()
+            .as_ref()
+            .and_then(|m| m.get("salient"))
+            .ok_or_else(|| FormatError("no `salient` header: not an artefact of ours".into()))?;
+        let mut header: Value = serde_json::from_str(text).map_err(|e| FormatError(e.to_string()))?;
         let kind = header["type"].as_str().unwrap_or_default().to_owned();
         let format = header["format"].as_u64().unwrap_or_default() as u32;
         let arrays = SafeTensors::deserialize(bytes).map_err(|e| FormatError(e.to_string()))?;
@@ -230,13 +220,9 @@ impl<'a> Decoder<'a> {
     }
 
     fn raw(&self, name: &str, dtype: Dtype) -> Result<(&'a [u8], Vec<usize>), FormatError> {
-        let view =
-            self.arrays.tensor(name).map_err(|e| FormatError(format!("array `{name}`: {e}")))?;
+        let view = self.arrays.tensor(name).map_err(|e| FormatError(format!("array `{name}`: {e}")))?;
         if view.dtype() != dtype {
-            return Err(FormatError(format!(
-                "array `{name}` is {:?}, not {dtype:?}",
-                view.dtype()
-            )));
+            return Err(FormatError(format!("array `{name}` is {:?}, not {dtype:?}", view.dtype())));
         }
         Ok((view.data(), view.shape().to_vec()))
     }

@@ -90,14 +90,12 @@ impl<'a> Context<'a> {
         let wanted = items.len().saturating_sub(1);
         let extra = Borrowed::new(self.host, wanted);
         let next = AtomicUsize::new(0);
-        let results: Vec<Mutex<Option<Result<R, NodeError>>>> =
-            items.iter().map(|_| Mutex::new(None)).collect();
+        let results: Vec<Mutex<Option<Result<R, NodeError>>>> = items.iter().map(|_| Mutex::new(None)).collect();
         let work = || {
             loop {
                 let i = next.fetch_add(1, Ordering::Relaxed);
                 let Some(item) = items.get(i) else { break };
-                let result =
-                    if self.cancelled() { Err(NodeError::cancelled()) } else { f(i, item) };
+                let result = if self.cancelled() { Err(NodeError::cancelled()) } else { f(i, item) };
                 let failed = result.is_err();
                 *results[i].lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
                 if failed {
@@ -112,9 +110,7 @@ impl<'a> Context<'a> {
             }
             work();
         });
-        let taken = results
-            .into_iter()
-            .map_while(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner));
+        let taken = results.into_iter().map_while(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner));
         taken.collect()
     }
 }

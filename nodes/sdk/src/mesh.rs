@@ -32,8 +32,7 @@ impl Mesh {
         let double = |f: &[u32; 3]| {
             let [a, b, c] = f.map(corner);
             let (u, v) = (sub(b, a), sub(c, a));
-            let n =
-                [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
             (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt()
         };
         self.faces.iter().map(double).sum::<f64>() / 2.0
@@ -46,10 +45,7 @@ impl Mesh {
         Self {
             vertices,
             faces,
-            reference: self
-                .reference
-                .as_ref()
-                .map(|r| kept.iter().map(|i| r[*i as usize]).collect()),
+            reference: self.reference.as_ref().map(|r| kept.iter().map(|i| r[*i as usize]).collect()),
             source: Some(kept.iter().map(old_source).collect()),
             defects: self.defects.clone(),
         }

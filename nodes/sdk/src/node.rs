@@ -40,11 +40,7 @@ pub trait Node: Sync + 'static {
     }
 
     /// Computes the output. Touches nothing but its arguments.
-    fn run(
-        params: &Self::Params,
-        inputs: Self::Inputs,
-        cx: Context,
-    ) -> Result<Self::Output, NodeError>;
+    fn run(params: &Self::Params, inputs: Self::Inputs, cx: Context) -> Result<Self::Output, NodeError>;
 }
 
 /// A [`Node`] as a value of the registry. Implemented for every node.
@@ -118,9 +114,8 @@ impl<N: Node> AnyNode for N {
     }
     fn bind(&self, fields: &[(&str, &str)]) -> Result<Arc<dyn BoundNode>, Vec<ParamError>> {
         let params: N::Params = params::parse(fields)?;
-        let canonical = serde_json::to_value(&params).map_err(|e| {
-            vec![ParamError { param: String::new(), span: 0..0, message: e.to_string() }]
-        })?;
+        let canonical = serde_json::to_value(&params)
+            .map_err(|e| vec![ParamError { param: String::new(), span: 0..0, message: e.to_string() }])?;
         let mut errors = params::out_of_range(&params::infos(&self.schema()), &canonical);
         errors.extend(N::check(&params).into_iter().map(|(param, message)| ParamError {
             param: param.to_owned(),

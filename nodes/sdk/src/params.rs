@@ -77,19 +77,14 @@ pub fn schema_of<P: JsonSchema>() -> Value {
 /// The params that a schema documents, by name.
 #[must_use]
 pub fn infos(schema: &Value) -> Vec<ParamInfo> {
-    let required = |name: &str| {
-        schema["required"].as_array().is_some_and(|r| r.iter().any(|x| x.as_str() == Some(name)))
-    };
+    let required =
+        |name: &str| schema["required"].as_array().is_some_and(|r| r.iter().any(|x| x.as_str() == Some(name)));
     let Some(properties) = schema["properties"].as_object() else { return Vec::new() };
     let info = |(name, property): (&String, &Value)| {
         let inner = resolve(schema, property);
         ParamInfo {
             name: name.clone(),
-            doc: property["description"]
-                .as_str()
-                .or(inner["description"].as_str())
-                .unwrap_or_default()
-                .to_owned(),
+            doc: property["description"].as_str().or(inner["description"].as_str()).unwrap_or_default().to_owned(),
             default: (!required(name)).then(|| property["default"].clone()),
             file: inner["format"] == FILE_FORMAT,
             range: (bound(inner, property, "minimum"), bound(inner, property, "maximum")),
@@ -108,8 +103,7 @@ fn resolve<'a>(schema: &'a Value, property: &'a Value) -> &'a Value {
     if let Some(name) = property["$ref"].as_str().and_then(|r| r.rsplit('/').next()) {
         return resolve(schema, &schema["$defs"][name]);
     }
-    let some =
-        property["anyOf"].as_array().and_then(|all| all.iter().find(|x| x["type"] != "null"));
+    let some = property["anyOf"].as_array().and_then(|all| all.iter().find(|x| x["type"] != "null"));
     some.map_or(property, |inner| resolve(schema, inner))
 }
 
@@ -122,9 +116,7 @@ fn form(schema: &Value, property: &Value) -> String {
         let name = |x: &Value| match (&x["const"], &x["properties"], &x["enum"]) {
             (Value::String(name), ..) => vec![name.clone()],
             (_, Value::Object(of), _) => of.keys().map(|k| format!("{k}(..)")).collect(),
-            (.., Value::Array(of)) => {
-                of.iter().filter_map(Value::as_str).map(str::to_owned).collect()
-            }
+            (.., Value::Array(of)) => of.iter().filter_map(Value::as_str).map(str::to_owned).collect(),
             _ => Vec::new(),
         };
         all.as_array().into_iter().flatten().flat_map(name).collect()
@@ -137,9 +129,7 @@ fn form(schema: &Value, property: &Value) -> String {
     }
     match &inner["type"] {
         Value::String(name) => name.clone(),
-        Value::Array(all) => {
-            all.iter().filter_map(Value::as_str).find(|x| *x != "null").unwrap_or("any").to_owned()
-        }
+        Value::Array(all) => all.iter().filter_map(Value::as_str).find(|x| *x != "null").unwrap_or("any").to_owned(),
         _ => "any".into(),
     }
 }
@@ -156,23 +146,14 @@ pub fn parse<P: DeserializeOwned>(fields: &[(&str, &str)]) -> Result<P, Vec<Para
         Ok(params) => return Ok(params),
         Err(error) => error,
     };
-    let alone =
-        fields.iter().filter_map(|field| match parse_some::<P>(std::slice::from_ref(field)) {
-            Ok(_) => None,
-            Err(e) if matches!(e.code, ron::Error::MissingStructField { .. }) => None,
-            Err(e) => Some(ParamError {
-                param: field.0.to_owned(),
-                span: within(field, &e),
-                message: e.code.to_string(),
-            }),
-        });
+    let alone = fields.iter().filter_map(|field| match parse_some::<P>(std::slice::from_ref(field)) {
+        Ok(_) => None,
+        Err(e) if matches!(e.code, ron::Error::MissingStructField { .. }) => None,
+        Err(e) => Some(ParamError { param: field.0.to_owned(), span: within(field, &e), message: e.code.to_string() }),
+    });
     let mut errors: Vec<_> = alone.collect();
     if errors.is_empty() {
-        errors.push(ParamError {
-            param: String::new(),
-            span: 0..0,
-            message: whole.code.to_string(),
-        });
+        errors.push(ParamError { param: String::new(), span: 0..0, message: whole.code.to_string() });
     }
     Err(errors)
 }
@@ -188,11 +169,9 @@ fn within((name, text): &(&str, &str), error: &ron::error::SpannedError) -> Rang
     let source = format!("({name}:{text}\n)");
     let prefix = 2 + name.len();
     let offset = |at: ron::error::Position| {
-        let line: usize =
-            source.split_inclusive('\n').take(at.line.saturating_sub(1)).map(str::len).sum();
+        let line: usize = source.split_inclusive('\n').take(at.line.saturating_sub(1)).map(str::len).sum();
         let rest = source.get(line..).unwrap_or_default();
-        let column =
-            rest.char_indices().nth(at.col.saturating_sub(1)).map_or(rest.len(), |(i, _)| i);
+        let column = rest.char_indices().nth(at.col.saturating_sub(1)).map_or(rest.len(), |(i, _)| i);
         (line + column).saturating_sub(prefix).min(text.len())
     };
     let (start, end) = (offset(error.span.start), offset(error.span.end));

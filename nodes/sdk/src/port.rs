@@ -110,9 +110,10 @@ impl PortValues {
             .into_iter()
             .map(|(label, value)| {
                 let found = value.type_name();
-                let typed = value.into_any().downcast::<T>().map_err(|_| {
-                    NodeError::new(format!("`{port}` takes a {}, but a {found} is wired", T::TYPE))
-                })?;
+                let typed = value
+                    .into_any()
+                    .downcast::<T>()
+                    .map_err(|_| NodeError::new(format!("`{port}` takes a {}, but a {found} is wired", T::TYPE)))?;
                 Ok((label, typed))
             })
             .collect()

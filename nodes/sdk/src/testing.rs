@@ -56,20 +56,12 @@ impl TestHost {
     }
 
     /// Runs a node on typed inputs.
-    pub fn run<N: Node>(
-        &self,
-        params: &N::Params,
-        inputs: N::Inputs,
-    ) -> Result<N::Output, NodeError> {
+    pub fn run<N: Node>(&self, params: &N::Params, inputs: N::Inputs) -> Result<N::Output, NodeError> {
         N::run(params, inputs, Context::new(self))
     }
 
     /// Runs a node on wired values, as the engine does.
-    pub fn run_wired<N: Node>(
-        &self,
-        params: &N::Params,
-        mut wired: PortValues,
-    ) -> Result<N::Output, NodeError> {
+    pub fn run_wired<N: Node>(&self, params: &N::Params, mut wired: PortValues) -> Result<N::Output, NodeError> {
         use crate::port::Inputs;
         let inputs = N::Inputs::take(&mut wired)?;
         self.run::<N>(params, inputs)

@@ -4,8 +4,7 @@ use std::sync::Arc;
 
 use salient_sdk::testing::TestHost;
 use salient_sdk::{
-    AnyArtefact, AnyNode, ArtefactType, Context, Decoder, FileParam, Inputs, Mesh, Node, NodeError,
-    Port, PortValues,
+    AnyArtefact, AnyNode, ArtefactType, Context, Decoder, FileParam, Inputs, Mesh, Node, NodeError, Port, PortValues,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -146,16 +145,10 @@ fn params_are_typed_before_they_are_compared() {
 #[test]
 fn every_wrong_param_is_found_with_its_place() {
     let errors = bind(&[("path", "3"), ("radius", "\"wide\""), ("weight", "Heavy")]);
-    assert_eq!(
-        errors.iter().map(|e| e.0.as_str()).collect::<Vec<_>>(),
-        ["path", "radius", "weight"]
-    );
+    assert_eq!(errors.iter().map(|e| e.0.as_str()).collect::<Vec<_>>(), ["path", "radius", "weight"]);
     assert_eq!(bind(&[("radius", "2")])[0].1, "Unexpected missing field named `path` in `Params`");
     let range = &bind(&[("path", "\"a\""), ("radius", "9")])[0];
-    assert_eq!(
-        (range.0.as_str(), range.1.as_str()),
-        ("radius", "`radius` is 9; it must be from 0.5 to 4")
-    );
+    assert_eq!((range.0.as_str(), range.1.as_str()), ("radius", "`radius` is 9; it must be from 0.5 to 4"));
     let between = &bind(&[("path", "\"a\""), ("weight", "By(3)")])[0];
     assert_eq!((between.0.as_str(), between.1.as_str()), ("weight", "heavier than the radius"));
 }
@@ -202,9 +195,8 @@ fn the_first_failing_item_is_the_one_reported() {
     let host = TestHost::with_workers(3);
     let items: Vec<usize> = (0..500).collect();
     for _ in 0..20 {
-        let result = Context::new(&host).map(&items, |i, _| {
-            if i % 100 == 42 { Err(NodeError::new(format!("item {i}"))) } else { Ok(i) }
-        });
+        let result = Context::new(&host)
+            .map(&items, |i, _| if i % 100 == 42 { Err(NodeError::new(format!("item {i}"))) } else { Ok(i) });
         assert_eq!(result.unwrap_err().message, "item 42");
     }
 }

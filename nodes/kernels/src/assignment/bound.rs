@@ -264,7 +264,8 @@ impl Sub {
     /// Combines the stars. True when pruned.
     fn lead(&mut self, s: &mut Scratch, threshold: i64) -> bool {
         self.leader.clear();
-        self.leader.extend(self.c.iter().zip(&self.star).map(|(&c, &t)| if c == FORBIDDEN { FORBIDDEN } else { c + t }));
+        self.leader
+            .extend(self.c.iter().zip(&self.star).map(|(&c, &t)| if c == FORBIDDEN { FORBIDDEN } else { c + t }));
         let value = s.lap.solve(&self.start, &self.right, &self.leader, self.n_right, !self.mandatory, usize::MAX);
         let Some(value) = value else { return true };
         self.u.clone_from(&s.lap.u);

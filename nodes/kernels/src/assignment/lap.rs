@@ -24,7 +24,15 @@ pub(super) struct Lap {
 impl Lap {
     /// Left `k` chooses among entries `start[k]..start[k + 1]`, of weight `w[e]` and right feature `right[e]`, or nothing (weight 0)
     /// if `optional`, no two the same right. Left `skip` takes no part. `None`: not every left can be served.
-    pub fn solve(&mut self, start: &[u32], right: &[u32], w: &[i64], n_right: usize, optional: bool, skip: usize) -> Option<i64> {
+    pub fn solve(
+        &mut self,
+        start: &[u32],
+        right: &[u32],
+        w: &[i64],
+        n_right: usize,
+        optional: bool,
+        skip: usize,
+    ) -> Option<i64> {
         let n = start.len() - 1;
         refill(&mut self.u, n, 0);
         refill(&mut self.v, n_right, 0);

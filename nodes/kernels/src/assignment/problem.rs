@@ -73,7 +73,9 @@ impl fmt::Display for ProblemError {
             Self::FeatureOutOfRange { side, index, count } => {
                 write!(f, "{side} feature {index} does not exist: there are {count}")
             }
-            Self::CandidateOutOfRange { index, count } => write!(f, "candidate {index} does not exist: there are {count}"),
+            Self::CandidateOutOfRange { index, count } => {
+                write!(f, "candidate {index} does not exist: there are {count}")
+            }
             Self::DuplicateCandidate { left, right } => write!(f, "candidate ({left}, {right}) is given twice"),
             Self::DuplicatePair { a, b } => write!(f, "the pair term of candidates {a} and {b} is given twice"),
             Self::SelfPair { a } => write!(f, "candidate {a} is paired with itself; its own score is its linear score"),
@@ -162,9 +164,10 @@ impl ProblemBuilder {
 
     /// Unmatched costs feature by feature: `n_left` and `n_right` values.
     pub fn unmatched_costs(&mut self, left: &[f64], right: &[f64]) -> Result<(), ProblemError> {
-        for (what, given, own) in
-            [("left unmatched costs", left, &mut self.left_cost), ("right unmatched costs", right, &mut self.right_cost)]
-        {
+        for (what, given, own) in [
+            ("left unmatched costs", left, &mut self.left_cost),
+            ("right unmatched costs", right, &mut self.right_cost),
+        ] {
             if given.len() != own.len() {
                 return Err(ProblemError::WrongLength { what, found: given.len(), expected: own.len() });
             }
@@ -194,8 +197,9 @@ impl ProblemBuilder {
             return Err(ProblemError::DuplicatePair { a: twice[0].0, b: twice[0].1 });
         }
         let limit = u32::MAX as usize / 2;
-        let total: f64 = self.linear.iter().chain(&self.left_cost).chain(&self.right_cost).map(|v| v.abs()).sum::<f64>()
-            + pairs.iter().map(|p| p.2.abs()).sum::<f64>();
+        let total: f64 =
+            self.linear.iter().chain(&self.left_cost).chain(&self.right_cost).map(|v| v.abs()).sum::<f64>()
+                + pairs.iter().map(|p| p.2.abs()).sum::<f64>();
         let counts = [self.n_left, self.n_right, self.candidates.len(), pairs.len()];
         if !(4.0 * total).is_finite() || counts.iter().any(|&n| n > limit) {
             return Err(ProblemError::TooLarge);

@@ -31,7 +31,15 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { node_limit: 1000, root_sweeps: 100, node_sweeps: 8, starts: 10, idle_moves: 1000, seed: 0, memory: 256 << 20 }
+        Self {
+            node_limit: 1000,
+            root_sweeps: 100,
+            node_sweeps: 8,
+            starts: 10,
+            idle_moves: 1000,
+            seed: 0,
+            memory: 256 << 20,
+        }
     }
 }
 
@@ -275,7 +283,8 @@ impl<'a> Tree<'a> {
             if (self.control.stop)() {
                 return StopReason::Stopped;
             }
-            let key = if self.bytes > self.limits.memory { self.newest.values().next_back().copied() } else { None }.unwrap_or(first);
+            let key = if self.bytes > self.limits.memory { self.newest.values().next_back().copied() } else { None }
+                .unwrap_or(first);
             let Some(node) = self.open.remove(&key) else { return StopReason::Proved };
             self.newest.remove(&key.2);
             let sub = if key.0.0 > self.threshold() { self.materialise(&node) } else { None };

@@ -117,11 +117,17 @@ impl<'a> Search<'a> {
         // Largest potential first: own gain plus the better half of what it could still earn.
         let m = self.m;
         let mut potential: Vec<i64> = (0..m.left.len())
-            .map(|a| m.linear[a] + m.val[m.row[a]..m.row[a + 1]].iter().map(|&h| h.max(0) / 2 / (m.n_left as i64)).sum::<i64>())
+            .map(|a| {
+                m.linear[a]
+                    + m.val[m.row[a]..m.row[a + 1]].iter().map(|&h| h.max(0) / 2 / (m.n_left as i64)).sum::<i64>()
+            })
             .collect();
         loop {
-            let free = |a: &usize| self.at_left[m.left[*a] as usize] == NONE && self.at_right[m.right[*a] as usize] == NONE;
-            let Some(a) = (0..m.left.len()).filter(free).max_by_key(|&a| (self.gain[a] + potential[a], std::cmp::Reverse(a))) else {
+            let free =
+                |a: &usize| self.at_left[m.left[*a] as usize] == NONE && self.at_right[m.right[*a] as usize] == NONE;
+            let Some(a) =
+                (0..m.left.len()).filter(free).max_by_key(|&a| (self.gain[a] + potential[a], std::cmp::Reverse(a)))
+            else {
                 break;
             };
             if self.gain[a] + potential[a] <= 0 {
@@ -181,7 +187,12 @@ impl<'a> Search<'a> {
     fn evaluate(&self, a: usize) -> Option<Move> {
         let m = self.m;
         if self.chosen(a) {
-            return (!m.mandatory).then_some(Move { delta: -self.gain[a], insert: NONE, eject: [a as u32, NONE], rejoin: NONE });
+            return (!m.mandatory).then_some(Move {
+                delta: -self.gain[a],
+                insert: NONE,
+                eject: [a as u32, NONE],
+                rejoin: NONE,
+            });
         }
         let eject = [self.at_left[m.left[a] as usize], self.at_right[m.right[a] as usize]];
         let mut delta = self.gain[a];

@@ -21,35 +21,17 @@ pub(super) fn symmetric_eigenvalues(matrix: MatRef<'_, f64>) -> Result<Vec<f64>,
     decompose(matrix, None)
 }
 
-fn decompose(
-    matrix: MatRef<'_, f64>,
-    vectors: Option<&mut Mat<f64>>,
-) -> Result<Vec<f64>, EigenError> {
+fn decompose(matrix: MatRef<'_, f64>, vectors: Option<&mut Mat<f64>>) -> Result<Vec<f64>, EigenError> {
     let n = matrix.nrows();
     let mut values = Diag::zeros(n);
-    let compute = if vectors.is_some() {
-        ComputeEigenvectors::Yes
-    } else {
-        ComputeEigenvectors::No
-    };
+    let compute = if vectors.is_some() { ComputeEigenvectors::Yes } else { ComputeEigenvectors::No };
     let scratch = self_adjoint_evd_scratch::<f64>(n, compute, Par::Seq, Spec::default());
     let mut memory = MemBuffer::try_new(scratch).map_err(|_| EigenError::Dense)?;
     let vectors = vectors.map(Mat::as_mut);
-    self_adjoint_evd(
-        matrix,
-        values.as_mut(),
-        vectors,
-        Par::Seq,
-        MemStack::new(&mut memory),
-        Spec::default(),
-    )
-    .map_err(|_| EigenError::Dense)?;
+    self_adjoint_evd(matrix, values.as_mut(), vectors, Par::Seq, MemStack::new(&mut memory), Spec::default())
+        .map_err(|_| EigenError::Dense)?;
     let values: Vec<f64> = (0..n).map(|i| values.column_vector()[i]).collect();
-    if values.iter().all(|v| v.is_finite()) {
-        Ok(values)
-    } else {
-        Err(EigenError::Dense)
-    }
+    if values.iter().all(|v| v.is_finite()) { Ok(values) } else { Err(EigenError::Dense) }
 }
 
 /// A as a dense matrix, its known null space lifted above the rest of the spectrum.
@@ -61,10 +43,7 @@ pub(super) fn lifted(problem: &Problem<'_>) -> Mat<f64> {
     for i in 0..n {
         let range = problem.stiffness.offsets()[i]..problem.stiffness.offsets()[i + 1];
         let mut radius = 0.0;
-        for (&j, &value) in problem.stiffness.columns()[range.clone()]
-            .iter()
-            .zip(&entries[range])
-        {
+        for (&j, &value) in problem.stiffness.columns()[range.clone()].iter().zip(&entries[range]) {
             a[(i, j as usize)] = value;
             radius += value.abs();
         }
@@ -85,14 +64,7 @@ pub(super) fn lifted(problem: &Problem<'_>) -> Mat<f64> {
 /// x' y.
 pub(super) fn inner(x: MatRef<'_, f64>, y: MatRef<'_, f64>) -> Mat<f64> {
     let mut product = Mat::zeros(x.ncols(), y.ncols());
-    matmul(
-        product.as_mut(),
-        Accum::Replace,
-        x.transpose(),
-        y,
-        1.0,
-        Par::Seq,
-    );
+    matmul(product.as_mut(), Accum::Replace, x.transpose(), y, 1.0, Par::Seq);
     product
 }
 

@@ -33,12 +33,9 @@ impl Factorizer {
         let n = problem.n();
         let matrix = problem.stiffness;
         let rows: Vec<usize> = matrix.columns().iter().map(|&c| c as usize).collect();
-        let diagonal = (0..n)
-            .map(|i| matrix.offsets()[i] + matrix.row(i).take_while(|e| e.0 < i).count())
-            .collect();
+        let diagonal = (0..n).map(|i| matrix.offsets()[i] + matrix.row(i).take_while(|e| e.0 < i).count()).collect();
         // By symmetry the compressed rows are compressed columns.
-        let pattern =
-            SymbolicSparseColMat::new_checked(n, n, matrix.offsets().to_vec(), None, rows);
+        let pattern = SymbolicSparseColMat::new_checked(n, n, matrix.offsets().to_vec(), None, rows);
         let params = CholeskySymbolicParams {
             supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
             // Merging small supernodes costs some fill and pays in every solve; measured on meshes of 1,000 to 170,000 vertices.
@@ -47,70 +44,38 @@ impl Factorizer {
             },
             ..Default::default()
         };
-        let symbolic = factorize_symbolic_cholesky(
-            pattern.as_ref(),
-            Side::Lower,
-            SymmetricOrdering::Amd,
-            params,
-        )
-        .map_err(|_| EigenError::Factorisation { shift: 0.0 })?;
-        Ok(Self {
-            pattern,
-            entries: problem.scaled_entries(),
-            diagonal,
-            symbolic,
-            area: problem.area,
-        })
+        let symbolic = factorize_symbolic_cholesky(pattern.as_ref(), Side::Lower, SymmetricOrdering::Amd, params)
+            .map_err(|_| EigenError::Factorisation { shift: 0.0 })?;
+        Ok(Self { pattern, entries: problem.scaled_entries(), diagonal, symbolic, area: problem.area })
     }
 
     /// The factorisation of A - shift I, without pivoting: backward stable here unless the shift is very near an eigenvalue of a leading
     /// block, which residuals and counts would show.
     pub fn factor(&self, shift: f64) -> Result<Factor<'_>, EigenError> {
-        let failed = EigenError::Factorisation {
-            shift: shift / self.area,
-        };
+        let failed = EigenError::Factorisation { shift: shift / self.area };
         let mut entries = self.entries.clone();
         for &d in &self.diagonal {
             entries[d] -= shift;
         }
         let matrix = SparseColMatRef::new(self.pattern.as_ref(), &entries);
         let mut values = vec![0.0; self.symbolic.len_val()];
-        let scratch = self
-            .symbolic
-            .factorize_numeric_ldlt_scratch::<f64>(Par::Seq, Spec::default());
+        let scratch = self.symbolic.factorize_numeric_ldlt_scratch::<f64>(Par::Seq, Spec::default());
         let mut memory = MemBuffer::try_new(scratch).map_err(|_| failed.clone())?;
         let stack = MemStack::new(&mut memory);
         let plain = LdltRegularization::default();
         self.symbolic
-            .factorize_numeric_ldlt(
-                &mut values,
-                matrix,
-                Side::Lower,
-                plain,
-                Par::Seq,
-                stack,
-                Spec::default(),
-            )
+            .factorize_numeric_ldlt(&mut values, matrix, Side::Lower, plain, Par::Seq, stack, Spec::default())
             .map_err(|_| failed.clone())?;
         // Overflow shows as pivots that are not finite.
-        let factor = Factor {
-            symbolic: &self.symbolic,
-            values,
-        };
-        if factor.pivots().iter().all(|p| p.is_finite() && *p != 0.0) {
-            Ok(factor)
-        } else {
-            Err(failed)
-        }
+        let factor = Factor { symbolic: &self.symbolic, values };
+        if factor.pivots().iter().all(|p| p.is_finite() && *p != 0.0) { Ok(factor) } else { Err(failed) }
     }
 
     /// The number of eigenvalues of A below `cut`: by Sylvester's law the number of negative pivots of A - cut I.
     ///
     /// A factorisation that breaks down is tried again at nearby cuts, which the caller places in a gap of this relative width.
     pub fn count_below(&self, cut: f64, gap: f64) -> Result<usize, EigenError> {
-        let mut last = EigenError::Factorisation {
-            shift: cut / self.area,
-        };
+        let mut last = EigenError::Factorisation { shift: cut / self.area };
         for nudge in [0.0, 0.11, -0.13, 0.23] {
             match self.factor(cut * (1.0 + nudge * gap)) {
                 Ok(factor) => return Ok(factor.pivots().iter().filter(|p| **p < 0.0).count()),
@@ -135,20 +100,14 @@ impl Factor<'_> {
             }
             SymbolicCholeskyRaw::Simplicial(symbolic) => {
                 let n = symbolic.nrows();
-                symbolic.col_ptr()[..n]
-                    .iter()
-                    .map(|&start| self.values[start])
-                    .collect()
+                symbolic.col_ptr()[..n].iter().map(|&start| self.values[start]).collect()
             }
         }
     }
 
     /// Room for [`Self::solve`] with so many columns.
     pub fn scratch(&self, columns: usize) -> MemBuffer {
-        MemBuffer::new(
-            self.symbolic
-                .solve_in_place_scratch::<f64>(columns, Par::Seq),
-        )
+        MemBuffer::new(self.symbolic.solve_in_place_scratch::<f64>(columns, Par::Seq))
     }
 
     /// Replaces x by (A - shift I)^-1 x.

@@ -16,9 +16,7 @@ pub(super) fn fix_sign(v: &mut [f64], mass: &[f64]) {
         cubes < 0.0
     } else {
         let largest = v.iter().fold(0.0f64, |m, x| m.max(x.abs()));
-        v.iter()
-            .find(|x| x.abs() >= (1.0 - TIE) * largest)
-            .is_some_and(|x| *x < 0.0)
+        v.iter().find(|x| x.abs() >= (1.0 - TIE) * largest).is_some_and(|x| *x < 0.0)
     };
     if negative {
         for x in v.iter_mut() {

@@ -49,9 +49,7 @@ pub(super) fn lanczos(run: &Run<'_>, hooks: &dyn Hooks) -> Result<Mat<f64>, Eige
         if hooks.cancelled() {
             return Err(EigenError::Cancelled);
         }
-        hooks.progress(
-            (krylov.dimension() as f64 / (3 * run.want + 4 * run.block_size) as f64).min(0.9),
-        );
+        hooks.progress((krylov.dimension() as f64 / (3 * run.want + 4 * run.block_size) as f64).min(0.9));
         let exhausted = krylov.extend() == 0;
         let dimension = krylov.starts[krylov.starts.len() - 2];
         if exhausted || dimension >= next_check {
@@ -66,9 +64,7 @@ pub(super) fn lanczos(run: &Run<'_>, hooks: &dyn Hooks) -> Result<Mat<f64>, Eige
 impl<'a> Krylov<'a> {
     fn new(run: &'a Run<'a>) -> Self {
         let n = run.problem.n();
-        let width = run
-            .block_size
-            .min(n - run.problem.nullity() - run.locked.ncols());
+        let width = run.block_size.min(n - run.problem.nullity() - run.locked.ncols());
         let capacity = (3 * run.want + 6 * run.block_size).min(n);
         let mut krylov = Self {
             run,
@@ -97,10 +93,7 @@ impl<'a> Krylov<'a> {
         if to > self.basis.ncols() {
             self.basis.resize_with(n, (to + to / 4).min(n), |_, _| 0.0);
         }
-        self.basis
-            .as_mut()
-            .subcols_mut(from, block.ncols())
-            .copy_from(block);
+        self.basis.as_mut().subcols_mut(from, block.ncols()).copy_from(block);
         self.starts.push(to);
     }
 
@@ -121,9 +114,7 @@ impl<'a> Krylov<'a> {
             subtract(block.as_mut(), part, along.as_ref());
             diagonal += along.subrows(from - begin, to - from);
         }
-        let symmetric = Mat::from_fn(to - from, to - from, |i, j| {
-            0.5 * (diagonal[(i, j)] + diagonal[(j, i)])
-        });
+        let symmetric = Mat::from_fn(to - from, to - from, |i, j| 0.5 * (diagonal[(i, j)] + diagonal[(j, i)]));
         self.diagonal.push(symmetric);
         let known = self.run.problem.nullity() + self.run.locked.ncols();
         let width = (to - from).min(self.run.problem.n() - known - to);
@@ -226,16 +217,10 @@ impl<'a> Krylov<'a> {
         let mut projection = Mat::<f64>::zeros(m, m);
         for j in 0..blocks {
             let (at, width) = (self.starts[j], self.starts[j + 1] - self.starts[j]);
-            projection
-                .as_mut()
-                .submatrix_mut(at, at, width, width)
-                .copy_from(&self.diagonal[j]);
+            projection.as_mut().submatrix_mut(at, at, width, width).copy_from(&self.diagonal[j]);
             if j + 1 < blocks {
                 let below = &self.below[j];
-                projection
-                    .as_mut()
-                    .submatrix_mut(at + width, at, below.nrows(), width)
-                    .copy_from(below);
+                projection.as_mut().submatrix_mut(at + width, at, below.nrows(), width).copy_from(below);
             }
         }
         let (values, vectors) = symmetric_eigen(projection.as_ref())?;
@@ -259,11 +244,7 @@ impl<'a> Krylov<'a> {
 
 /// One step of inverse iteration on a basis of approximate eigenvectors, Rayleigh-Ritz, and orthonormalisation. Components far up the
 /// spectrum, which residuals of the inverse hardly show, are damped. Returns nothing if the columns are not independent.
-pub(super) fn refine(
-    problem: &Problem<'_>,
-    factor: &Factor<'_>,
-    y: &Mat<f64>,
-) -> Result<Option<Mat<f64>>, EigenError> {
+pub(super) fn refine(problem: &Problem<'_>, factor: &Factor<'_>, y: &Mat<f64>) -> Result<Option<Mat<f64>>, EigenError> {
     let k = y.ncols();
     let mut z = y.clone();
     factor.solve(z.as_mut(), &mut factor.scratch(k));

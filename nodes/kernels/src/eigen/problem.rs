@@ -68,15 +68,7 @@ impl<'a> Problem<'a> {
             None => row_sums = (0..mass.len()).map(|i| stiffness.row_sum(i)).collect(),
         }
         let component_roots = shares.iter().map(|s: &f64| s.sqrt()).collect();
-        Ok(Self {
-            stiffness,
-            mass,
-            area,
-            root,
-            kernel,
-            component_roots,
-            row_sums,
-        })
+        Ok(Self { stiffness, mass, area, root, kernel, component_roots, row_sums })
     }
 
     pub(super) fn n(&self) -> usize {
@@ -119,22 +111,14 @@ impl<'a> Problem<'a> {
     pub(super) fn scaled_entries(&self) -> Vec<f64> {
         let mut values = Vec::with_capacity(self.stiffness.values().len());
         for i in 0..self.n() {
-            values.extend(
-                self.stiffness
-                    .row(i)
-                    .map(|(j, m)| m / (self.root[i] * self.root[j])),
-            );
+            values.extend(self.stiffness.row(i).map(|(j, m)| m / (self.root[i] * self.root[j])));
         }
         values
     }
 
     /// M v, from differences of neighbouring values: smooth vectors lose no digits to the cancellation in rows that sum to zero.
     fn apply_stiffness(&self, v: &[f64], row: usize) -> f64 {
-        let differences: f64 = self
-            .stiffness
-            .row(row)
-            .map(|(j, m)| -m * (v[row] - v[j]))
-            .sum();
+        let differences: f64 = self.stiffness.row(row).map(|(j, m)| -m * (v[row] - v[j])).sum();
         differences + self.row_sums[row] * v[row]
     }
 
@@ -143,11 +127,7 @@ impl<'a> Problem<'a> {
         let mut energy = 0.0;
         let mut norm = 0.0;
         for i in 0..self.n() {
-            let edges: f64 = self
-                .stiffness
-                .row(i)
-                .map(|(j, m)| -m * (v[i] - v[j]) * (v[i] - v[j]))
-                .sum();
+            let edges: f64 = self.stiffness.row(i).map(|(j, m)| -m * (v[i] - v[j]) * (v[i] - v[j])).sum();
             energy += 0.5 * edges + self.row_sums[i] * v[i] * v[i];
             norm += (self.root[i] * v[i]).powi(2);
         }
@@ -160,12 +140,7 @@ impl<'a> Problem<'a> {
         for i in 0..self.n() {
             let r = self.root[i];
             let residual = (self.apply_stiffness(v, i) - lambda * r * r * v[i]) / r;
-            let magnitude = self
-                .stiffness
-                .row(i)
-                .map(|(j, m)| (m * v[j]).abs())
-                .sum::<f64>()
-                / r;
+            let magnitude = self.stiffness.row(i).map(|(j, m)| (m * v[j]).abs()).sum::<f64>() / r;
             norm += residual * residual;
             rounding += magnitude * magnitude;
         }

@@ -52,21 +52,10 @@ pub(crate) fn solve(
     let nullity = problem.nullity();
     let available = problem.n() - nullity;
     let factorizer = Factorizer::new(problem)?;
-    let mut failure = EigenError::NotCertified {
-        expected: 0,
-        found: 0,
-        residual: f64::NAN,
-    };
+    let mut failure = EigenError::NotCertified { expected: 0, found: 0, residual: f64::NAN };
     let wanted = k.saturating_sub(nullity);
-    let mut attempt = Attempt {
-        problem,
-        factorizer: &factorizer,
-        options,
-        hooks,
-        wanted,
-        extra: 6 + wanted / 16,
-        number: 0,
-    };
+    let mut attempt =
+        Attempt { problem, factorizer: &factorizer, options, hooks, wanted, extra: 6 + wanted / 16, number: 0 };
     for number in 0..SHIFTS.len() {
         attempt.number = number;
         match attempt.run() {
@@ -88,10 +77,7 @@ fn check(problem: &Problem<'_>, k: usize, options: &Options) -> Result<(), Eigen
         return Err(EigenError::NoneWanted);
     }
     if k > problem.n() {
-        return Err(EigenError::TooMany {
-            wanted: k,
-            available: problem.n(),
-        });
+        return Err(EigenError::TooMany { wanted: k, available: problem.n() });
     }
     if !(options.tolerance > 0.0 && options.tolerance <= 1e-2) {
         return Err(EigenError::Option { name: "tolerance" });
@@ -121,11 +107,7 @@ impl Attempt<'_> {
         let available = self.problem.n() - self.problem.nullity();
         let want = (self.wanted + self.extra).min(available);
         let dense = self.problem.n() <= self.options.dense_limit || 3 * want > self.problem.n();
-        let start = if dense {
-            self.dense(want)?
-        } else {
-            self.lanczos(&factor, &Mat::new(), want, 0)?
-        };
+        let start = if dense { self.dense(want)? } else { self.lanczos(&factor, &Mat::new(), want, 0)? };
         let mut pairs = self.refined(&factor, start)?;
         let mut worst = (0, 0);
         for round in 1..ROUNDS {
@@ -140,11 +122,7 @@ impl Attempt<'_> {
                     pairs,
                     &cut,
                     expected,
-                    if dense {
-                        Method::Dense
-                    } else {
-                        Method::Lanczos
-                    },
+                    if dense { Method::Dense } else { Method::Lanczos },
                     round - usize::from(dense),
                 );
             }
@@ -159,11 +137,7 @@ impl Attempt<'_> {
             pairs = self.refined(&factor, side_by_side(&pairs.y, &fresh))?;
         }
         let residual = self.worst_residual(&pairs).0;
-        Err(EigenError::NotCertified {
-            expected: worst.0,
-            found: worst.1,
-            residual,
-        })
+        Err(EigenError::NotCertified { expected: worst.0, found: worst.1, residual })
     }
 
     fn dense(&self, want: usize) -> Result<Mat<f64>, EigenError> {
@@ -194,17 +168,9 @@ impl Attempt<'_> {
 
     /// Refines until residuals are small or stop falling.
     fn refined(&self, factor: &Factor<'_>, start: Mat<f64>) -> Result<Pairs, EigenError> {
-        let uncertified = EigenError::NotCertified {
-            expected: 0,
-            found: 0,
-            residual: f64::NAN,
-        };
+        let uncertified = EigenError::NotCertified { expected: 0, found: 0, residual: f64::NAN };
         if start.ncols() == 0 {
-            return Ok(Pairs {
-                values: Vec::new(),
-                v: start.clone(),
-                y: start,
-            });
+            return Ok(Pairs { values: Vec::new(), v: start.clone(), y: start });
         }
         let mut y = orthonormalise(start).ok_or(uncertified.clone())?;
         for _ in 0..4 {
@@ -227,9 +193,7 @@ impl Attempt<'_> {
             let (norm, rounding) = self.problem.residual(value, column(&pairs.v, j));
             // Pairs beyond the wanted ones only help to place the cut.
             let slack = if j < self.wanted { 1.0 } else { 1e3 };
-            if norm > slack * (self.options.tolerance * value).max(16.0 * rounding)
-                || !norm.is_finite()
-                || value <= 0.0
+            if norm > slack * (self.options.tolerance * value).max(16.0 * rounding) || !norm.is_finite() || value <= 0.0
             {
                 fine = false;
             }
@@ -252,11 +216,7 @@ impl Attempt<'_> {
         let (residual, fine) = self.worst_residual(&pairs);
         let orthogonality = self.orthogonality_error(&pairs);
         if !fine || orthogonality > ORTHOGONALITY {
-            return Err(EigenError::NotCertified {
-                expected,
-                found,
-                residual,
-            });
+            return Err(EigenError::NotCertified { expected, found, residual });
         }
         let relative_gap = |next: f64| match self.wanted {
             0 => 1.0,
@@ -270,10 +230,7 @@ impl Attempt<'_> {
             max_residual: residual.max(self.null_residual(&pairs)),
             max_orthogonality_error: orthogonality,
             rounds,
-            gap_above: pairs
-                .values
-                .get(self.wanted)
-                .map(|&next| relative_gap(next)),
+            gap_above: pairs.values.get(self.wanted).map(|&next| relative_gap(next)),
         };
         Ok((pairs, certificate))
     }
@@ -287,14 +244,10 @@ impl Attempt<'_> {
         for i in 0..self.problem.n() {
             if let Some((label, unit)) = self.problem.null_entry(i) {
                 let value = unit / self.problem.root[i];
-                squares[label] +=
-                    (self.problem.stiffness.row_sum(i) * value / self.problem.root[i]).powi(2);
+                squares[label] += (self.problem.stiffness.row_sum(i) * value / self.problem.root[i]).powi(2);
             }
         }
-        squares
-            .iter()
-            .fold(0.0f64, |m: f64, s: &f64| m.max(s.sqrt()))
-            / first
+        squares.iter().fold(0.0f64, |m: f64, s: &f64| m.max(s.sqrt())) / first
     }
 
     fn orthogonality_error(&self, pairs: &Pairs) -> f64 {
@@ -310,9 +263,7 @@ impl Attempt<'_> {
         let mut projected = pairs.y.clone();
         self.problem.project_out_kernel(projected.as_mut());
         for j in 0..projected.ncols() {
-            let change: f64 = (0..projected.nrows())
-                .map(|i| (projected[(i, j)] - pairs.y[(i, j)]).powi(2))
-                .sum();
+            let change: f64 = (0..projected.nrows()).map(|i| (projected[(i, j)] - pairs.y[(i, j)]).powi(2)).sum();
             worst = worst.max(change.sqrt());
         }
         worst
@@ -327,27 +278,15 @@ fn place_cut(values: &[f64], wanted: usize, available: usize) -> Option<Cut> {
     if values.len() == available {
         // All of them: any cut above the last.
         let last = values.last().copied().unwrap_or(1.0);
-        return Some(Cut {
-            position: available,
-            value: 2.0 * last,
-            width: 0.5,
-        });
+        return Some(Cut { position: available, value: 2.0 * last, width: 0.5 });
     }
     let mut best: Option<Cut> = None;
     for position in wanted..values.len() {
-        let below = if position == 0 {
-            0.0
-        } else {
-            values[position - 1]
-        };
+        let below = if position == 0 { 0.0 } else { values[position - 1] };
         let above = values[position];
         let width = (above - below) / above;
         if width > best.as_ref().map_or(NARROW, |b| b.width) {
-            best = Some(Cut {
-                position,
-                value: 0.5 * (below + above),
-                width,
-            });
+            best = Some(Cut { position, value: 0.5 * (below + above), width });
         }
         if width > WIDE {
             break;
@@ -361,21 +300,13 @@ fn column(m: &Mat<f64>, j: usize) -> &[f64] {
 }
 
 fn side_by_side(a: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
-    Mat::from_fn(a.nrows(), a.ncols() + b.ncols(), |i, j| {
-        if j < a.ncols() {
-            a[(i, j)]
-        } else {
-            b[(i, j - a.ncols())]
-        }
-    })
+    Mat::from_fn(a.nrows(), a.ncols() + b.ncols(), |i, j| if j < a.ncols() { a[(i, j)] } else { b[(i, j - a.ncols())] })
 }
 
 fn sorted_pairs(problem: &Problem<'_>, y: &Mat<f64>) -> Pairs {
     let n = y.nrows();
     let v = Mat::from_fn(n, y.ncols(), |i, j| y[(i, j)] / problem.root[i]);
-    let mut order: Vec<(f64, usize)> = (0..y.ncols())
-        .map(|j| (problem.rayleigh_quotient(column(&v, j)), j))
-        .collect();
+    let mut order: Vec<(f64, usize)> = (0..y.ncols()).map(|j| (problem.rayleigh_quotient(column(&v, j)), j)).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     Pairs {
         values: order.iter().map(|o| o.0).collect(),
@@ -405,12 +336,7 @@ fn finish(problem: &Problem<'_>, k: usize, pairs: &Pairs, certificate: Certifica
         }
         fix_sign(target, problem.mass);
     }
-    Eigenpairs {
-        values,
-        vectors,
-        n,
-        certificate,
-    }
+    Eigenpairs { values, vectors, n, certificate }
 }
 
 /// All positive eigenvalues, ascending, by the dense solver.

@@ -69,10 +69,7 @@ impl fmt::Display for LaplacianError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Empty => write!(f, "the mesh has no faces"),
-            Self::TooLarge => write!(
-                f,
-                "the mesh has more vertices or half-edges than 32-bit indices can number"
-            ),
+            Self::TooLarge => write!(f, "the mesh has more vertices or half-edges than 32-bit indices can number"),
             Self::LengthCount { faces, lengths } => {
                 write!(f, "{lengths} triples of edge lengths for {faces} faces")
             }
@@ -85,26 +82,16 @@ impl fmt::Display for LaplacianError {
             }
             Self::ZeroAreaFace { face } => write!(f, "face {face} has no area"),
             Self::UnreferencedVertex { vertex } => write!(f, "vertex {vertex} belongs to no face"),
-            Self::NotPositive { vertex } => write!(
-                f,
-                "the area of vertex {vertex} is not a positive 64-bit float"
-            ),
-            Self::NonManifoldEdge {
-                vertices: [a, b],
-                faces,
-            } => {
-                write!(
-                    f,
-                    "edge {a}-{b} has {faces} faces; the intrinsic Delaunay triangulation allows two"
-                )
+            Self::NotPositive { vertex } => write!(f, "the area of vertex {vertex} is not a positive 64-bit float"),
+            Self::NonManifoldEdge { vertices: [a, b], faces } => {
+                write!(f, "edge {a}-{b} has {faces} faces; the intrinsic Delaunay triangulation allows two")
             }
             Self::NotOrientable { face } => {
                 write!(f, "the surface is not orientable (found at face {face})")
             }
-            Self::DelaunayStalled { flips } => write!(
-                f,
-                "the intrinsic Delaunay triangulation was not reached in {flips} flips"
-            ),
+            Self::DelaunayStalled { flips } => {
+                write!(f, "the intrinsic Delaunay triangulation was not reached in {flips} flips")
+            }
         }
     }
 }

@@ -25,17 +25,12 @@ fn next(h: u32) -> u32 {
 }
 
 /// The faces and lengths of the intrinsic Delaunay triangulation of the same surface on the same vertices. Boundary edges stay.
-pub(super) fn flip_to_delaunay(
-    faces: &[[u32; 3]],
-    lengths: &[[f64; 3]],
-) -> Result<Triangulation, LaplacianError> {
+pub(super) fn flip_to_delaunay(faces: &[[u32; 3]], lengths: &[[f64; 3]]) -> Result<Triangulation, LaplacianError> {
     let mut mesh = Mesh::new(faces, lengths)?;
     let count = mesh.corners.len();
     // A stack of half-edges to examine, smallest on top; any order ends in the same triangulation but for cocircular quads.
-    let mut stack: Vec<u32> = (0..count as u32)
-        .rev()
-        .filter(|&h| mesh.twins[h as usize] != NONE && h < mesh.twins[h as usize])
-        .collect();
+    let mut stack: Vec<u32> =
+        (0..count as u32).rev().filter(|&h| mesh.twins[h as usize] != NONE && h < mesh.twins[h as usize]).collect();
     let mut flips = 0;
     let limit = 1000 + 200 * count;
     while let Some(h) = stack.pop() {
@@ -49,24 +44,14 @@ pub(super) fn flip_to_delaunay(
         stack.extend(mesh.flip(h));
     }
     let triples = |h: usize| [h, h + 1, h + 2];
-    let faces = (0..count)
-        .step_by(3)
-        .map(|h| triples(h).map(|i| mesh.corners[i]))
-        .collect();
-    let lengths = (0..count)
-        .step_by(3)
-        .map(|h| triples(h).map(|i| mesh.lengths[i]))
-        .collect();
+    let faces = (0..count).step_by(3).map(|h| triples(h).map(|i| mesh.corners[i])).collect();
+    let lengths = (0..count).step_by(3).map(|h| triples(h).map(|i| mesh.lengths[i])).collect();
     Ok((faces, lengths))
 }
 
 impl Mesh {
     fn new(faces: &[[u32; 3]], lengths: &[[f64; 3]]) -> Result<Self, LaplacianError> {
-        let mut mesh = Self {
-            corners: faces.concat(),
-            lengths: lengths.concat(),
-            twins: pair_half_edges(faces)?,
-        };
+        let mut mesh = Self { corners: faces.concat(), lengths: lengths.concat(), twins: pair_half_edges(faces)? };
         mesh.orient()?;
         Ok(mesh)
     }
@@ -132,8 +117,7 @@ impl Mesh {
         if twin == NONE || twin / 3 == h / 3 {
             return true;
         }
-        let cotangent =
-            |side: u32| Triangle::from_lengths(self.sides(side)).map(|t| t.cotangents[0]);
+        let cotangent = |side: u32| Triangle::from_lengths(self.sides(side)).map(|t| t.cotangents[0]);
         match (cotangent(h), cotangent(twin)) {
             (Some(a), Some(b)) => a + b >= -TOLERANCE * (a.abs() + b.abs()),
             _ => true, // flat: the caller finds the face and names it
@@ -153,13 +137,8 @@ impl Mesh {
         // Old half-edge -> new one, for the quad's sides; a side's twin may itself be one of them.
         let moved = [(aq, f), (pa, f + 2), (bp, g), (qb, g + 2)];
         let renumber = |old: u32| moved.iter().find(|m| m.0 == old).map_or(old, |m| m.1);
-        let sides = moved.map(|(old, new)| {
-            (
-                new,
-                self.lengths[old as usize],
-                renumber_twin(self.twins[old as usize], renumber),
-            )
-        });
+        let sides = moved
+            .map(|(old, new)| (new, self.lengths[old as usize], renumber_twin(self.twins[old as usize], renumber)));
         for (new, length, other) in sides {
             self.lengths[new as usize] = length;
             self.twins[new as usize] = other;
@@ -182,10 +161,7 @@ impl Mesh {
         let ([l, bp, pa], [_, aq, qb]) = (self.sides(h), self.sides(twin));
         // a at the origin, b at (l, 0), p above, q below.
         let apex = |from_a: f64, from_b: f64, area: f64| {
-            (
-                0.5 * (l + (from_a - from_b) * (from_a + from_b) / l),
-                2.0 * area / l,
-            )
+            (0.5 * (l + (from_a - from_b) * (from_a + from_b) / l), 2.0 * area / l)
         };
         let area = |side: u32| Triangle::from_lengths(self.sides(side)).map_or(0.0, |t| t.area);
         let (p, q) = (apex(pa, bp, area(h)), apex(aq, qb, area(twin)));
@@ -216,10 +192,7 @@ fn pair_half_edges(faces: &[[u32; 3]]) -> Result<Vec<u32>, LaplacianError> {
                 twins[y.2 as usize] = x.2;
             }
             _ => {
-                return Err(LaplacianError::NonManifoldEdge {
-                    vertices: [group[0].0, group[0].1],
-                    faces: group.len(),
-                });
+                return Err(LaplacianError::NonManifoldEdge { vertices: [group[0].0, group[0].1], faces: group.len() });
             }
         }
     }

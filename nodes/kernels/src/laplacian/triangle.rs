@@ -29,10 +29,7 @@ impl Triangle {
         });
         let squared = edge.map(|e| dot(e, e));
         // The two shorter edges: the least cancellation.
-        let longest = (0..3).fold(
-            0,
-            |best, i| if squared[i] > squared[best] { i } else { best },
-        );
+        let longest = (0..3).fold(0, |best, i| if squared[i] > squared[best] { i } else { best });
         let normal = cross(edge[(longest + 1) % 3], edge[(longest + 2) % 3]);
         let double_area = dot(normal, normal).sqrt();
         let products = std::array::from_fn(|i| -dot(edge[(i + 1) % 3], edge[(i + 2) % 3]));
@@ -49,11 +46,7 @@ impl Triangle {
         let [c, b, a] = sorted;
         // Kahan's form of Heron's formula; the parentheses matter.
         let product = (a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c));
-        let double_area = if product > 0.0 {
-            0.5 * product.sqrt()
-        } else {
-            0.0
-        };
+        let double_area = if product > 0.0 { 0.5 * product.sqrt() } else { 0.0 };
         let products = std::array::from_fn(|i| {
             let (a, b, c) = (lengths[i], lengths[(i + 1) % 3], lengths[(i + 2) % 3]);
             // b c cos = (b^2 + c^2 - a^2) / 2, factored so that nearly equal lengths do not cancel.
@@ -66,21 +59,14 @@ impl Triangle {
     /// `products[i]`: scalar product of the edges leaving corner i.
     fn new(products: [f64; 3], squared: [f64; 3], double_area: f64) -> Option<Self> {
         let longest = squared.iter().fold(0.0f64, |m, &s| m.max(s));
-        let has_area =
-            double_area.is_finite() && longest.is_finite() && double_area > FLAT * longest;
-        has_area.then(|| Self {
-            cotangents: products.map(|p| p / double_area),
-            squared,
-            area: 0.5 * double_area,
-        })
+        let has_area = double_area.is_finite() && longest.is_finite() && double_area > FLAT * longest;
+        has_area.then(|| Self { cotangents: products.map(|p| p / double_area), squared, area: 0.5 * double_area })
     }
 
     /// Meyer's mixed area of each corner; they sum to the triangle's area.
     pub fn mixed_areas(&self) -> [f64; 3] {
         match self.cotangents.iter().position(|c| *c < 0.0) {
-            Some(obtuse) => {
-                std::array::from_fn(|i| self.area * if i == obtuse { 0.5 } else { 0.25 })
-            }
+            Some(obtuse) => std::array::from_fn(|i| self.area * if i == obtuse { 0.5 } else { 0.25 }),
             None => std::array::from_fn(|i| {
                 let (j, k) = ((i + 1) % 3, (i + 2) % 3);
                 (self.squared[j] * self.cotangents[j] + self.squared[k] * self.cotangents[k]) / 8.0
@@ -94,11 +80,7 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 }
 
 fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 #[cfg(test)]
@@ -112,29 +94,17 @@ mod tests {
             for foot in [0.5, 0.1, 1.0] {
                 let p = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [foot, height, 0.0]];
                 let t = Triangle::from_points(p).expect("has area");
-                let exact = [
-                    foot / height,
-                    (1.0 - foot) / height,
-                    (height * height - foot * (1.0 - foot)) / height,
-                ];
+                let exact = [foot / height, (1.0 - foot) / height, (height * height - foot * (1.0 - foot)) / height];
                 for (a, b) in t.cotangents.iter().zip(exact) {
                     assert!((a - b).abs() <= 1e-13 * (1.0 + b.abs()), "{a} {b}");
                 }
                 assert!((t.area - height / 2.0).abs() <= 1e-15 * height);
                 let sum: f64 = t.mixed_areas().iter().sum();
-                assert!(
-                    (sum - t.area).abs() <= 1e-12 * t.area,
-                    "height {height} foot {foot}"
-                );
+                assert!((sum - t.area).abs() <= 1e-12 * t.area, "height {height} foot {foot}");
                 let l = Triangle::from_lengths(t.squared.map(f64::sqrt)).expect("has area");
                 // Lengths alone determine a cap of height h only to eps / h^2.
                 let tolerance = 4e-16 / (height * height);
-                assert!(
-                    (l.area - t.area).abs() <= tolerance.max(1e-15) * t.area,
-                    "{} {}",
-                    l.area,
-                    t.area
-                );
+                assert!((l.area - t.area).abs() <= tolerance.max(1e-15) * t.area, "{} {}", l.area, t.area);
             }
         }
     }

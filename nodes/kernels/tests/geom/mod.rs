@@ -61,12 +61,8 @@ pub fn sphere(levels: usize) -> Mesh {
         for b in a + 1..12 {
             for c in b + 1..12 {
                 let [p, q, r] = [a, b, c].map(|v| vertices[v as usize]);
-                if [d2(p, q), d2(q, r), d2(p, r)]
-                    .iter()
-                    .all(|d| (d - 4.0).abs() < 1e-9)
-                {
-                    let det = p[0] * (q[1] * r[2] - q[2] * r[1])
-                        - p[1] * (q[0] * r[2] - q[2] * r[0])
+                if [d2(p, q), d2(q, r), d2(p, r)].iter().all(|d| (d - 4.0).abs() < 1e-9) {
+                    let det = p[0] * (q[1] * r[2] - q[2] * r[1]) - p[1] * (q[0] * r[2] - q[2] * r[0])
                         + p[2] * (q[0] * r[1] - q[1] * r[0]);
                     faces.push(if det > 0.0 { [a, b, c] } else { [a, c, b] });
                 }
@@ -101,8 +97,7 @@ pub fn cylinder(around: usize, along: usize, height: f64, jitter: f64) -> Mesh {
     for j in 0..=along {
         for i in 0..around {
             let free = if j == 0 || j == along { 0.0 } else { jitter };
-            let angle = (i as f64 + 0.5 * (j % 2) as f64 + free * (2.0 * random.next() - 1.0))
-                / around as f64
+            let angle = (i as f64 + 0.5 * (j % 2) as f64 + free * (2.0 * random.next() - 1.0)) / around as f64
                 * std::f64::consts::TAU;
             let z = (j as f64 + free * (2.0 * random.next() - 1.0)) * height / along as f64;
             vertices.push([angle.cos(), angle.sin(), z]);
@@ -113,11 +108,7 @@ pub fn cylinder(around: usize, along: usize, height: f64, jitter: f64) -> Mesh {
     for j in 0..along {
         for i in 0..around {
             let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i, j + 1), at(i + 1, j + 1)];
-            faces.extend(if j % 2 == 0 {
-                [[a, b, c], [b, d, c]]
-            } else {
-                [[a, d, c], [a, b, d]]
-            });
+            faces.extend(if j % 2 == 0 { [[a, b, c], [b, d, c]] } else { [[a, d, c], [a, b, d]] });
         }
     }
     (vertices, faces)
@@ -128,10 +119,7 @@ pub fn torus(n: usize, m: usize) -> Mesh {
     let mut vertices = Vec::new();
     for i in 0..n {
         for j in 0..m {
-            let (u, v) = (
-                i as f64 / n as f64 * std::f64::consts::TAU,
-                j as f64 / m as f64 * std::f64::consts::TAU,
-            );
+            let (u, v) = (i as f64 / n as f64 * std::f64::consts::TAU, j as f64 / m as f64 * std::f64::consts::TAU);
             let r = 1.0 + 0.4 * v.cos();
             vertices.push([r * u.cos(), r * u.sin(), 0.4 * v.sin()]);
         }
@@ -141,9 +129,7 @@ pub fn torus(n: usize, m: usize) -> Mesh {
         let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
         [[a, b, c], [a, c, d]]
     };
-    let faces = (0..n)
-        .flat_map(|i| (0..m).flat_map(move |j| cell(i, j)))
-        .collect();
+    let faces = (0..n).flat_map(|i| (0..m).flat_map(move |j| cell(i, j))).collect();
     (vertices, faces)
 }
 
@@ -158,10 +144,6 @@ pub fn permuted((vertices, faces): &Mesh, seed: u64) -> (Mesh, Vec<u32>) {
     for (old, &new) in new_of.iter().enumerate() {
         moved[new as usize] = vertices[old];
     }
-    let faces = faces
-        .iter()
-        .rev()
-        .map(|f| f.map(|v| new_of[v as usize]))
-        .collect();
+    let faces = faces.iter().rev().map(|f| f.map(|v| new_of[v as usize])).collect();
     ((moved, faces), new_of)
 }
