@@ -1,6 +1,7 @@
 //! Placeholder.
 
 pub mod adjacency;
+pub mod creature;
 pub mod disc;
 pub mod geodesic;
 pub mod nearest;
