@@ -2,7 +2,7 @@
 //!
 //! Shared by decimation and remeshing. Each vertex holds the list of its live faces; lists are short (about six).
 
-use crate::vec3::{dot, norm, normal};
+use crate::vec3::{distance2, dot, norm, normal};
 
 /// The editable connectivity. Removed faces and vertices keep their numbers and are marked.
 pub(crate) struct Surgery {
@@ -180,7 +180,7 @@ impl Surgery {
     }
 
     /// Whether the faces of `v` that do not contain `other` keep their orientation when `v` moves to `to`: the normals turn
-    /// by less than the angle of cosine `least`, and no face becomes flatter than `flattest` (height over longest edge).
+    /// by less than the angle of cosine `least`, and no face becomes flatter than `flattest` (height over longest edge), unless it was flat before.
     pub(crate) fn move_keeps_normals(
         &self,
         points: &[[f64; 3]],
@@ -197,13 +197,19 @@ impl Surgery {
             }
             let (p, q) = (points[p as usize], points[q as usize]);
             let (old, new) = (normal(points[v as usize], p, q), normal(to, p, q));
-            let longest2 = [(to, p), (p, q), (q, to)]
-                .iter()
-                .map(|&(x, y)| crate::vec3::distance2(x, y))
-                .fold(0.0, f64::max);
+            let shape = |apex: [f64; 3], doubled: [f64; 3]| {
+                let longest2 = distance2(apex, p)
+                    .max(distance2(p, q))
+                    .max(distance2(q, apex));
+                if longest2 > 0.0 {
+                    norm(doubled) / longest2
+                } else {
+                    0.0
+                }
+            };
             // A face without area before has no direction to keep.
             let turned = norm(old) > 0.0 && dot(old, new) < least * norm(old) * norm(new);
-            !turned && norm(new) > flattest * longest2
+            !turned && shape(to, new) > flattest.min(0.5 * shape(points[v as usize], old))
         })
     }
 

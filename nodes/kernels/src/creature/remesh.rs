@@ -19,6 +19,17 @@ pub(super) struct Remesher<'a> {
     mesh: Surgery,
     rest: Vec<[f64; 3]>,
     posed: Vec<[f64; 3]>,
+    /// Radius of the limb at each vertex.
+    thickness: Vec<f64>,
+    /// Edges are shortened in proportion where limbs are thinner than this.
+    thick: f64,
+}
+
+/// A point of the surface.
+struct Place {
+    rest: [f64; 3],
+    posed: [f64; 3],
+    thickness: f64,
 }
 
 /// Faces, and the vertices at rest and in the pose.
@@ -37,13 +48,15 @@ impl<'a> Remesher<'a> {
         faces: &[[u32; 3]],
     ) -> Self {
         let rest: Vec<[f64; 3]> = vertices.iter().map(|&p| surface.project(p)).collect();
-        let posed = rest.iter().map(|&p| surface.posed(motions, p)).collect();
+        let (posed, thickness) = rest.iter().map(|&p| surface.posed(motions, p)).unzip();
         Self {
             surface,
             motions,
             mesh: Surgery::new(vertices.len(), faces),
             rest,
             posed,
+            thickness,
+            thick: 0.0,
         }
     }
 
@@ -58,6 +71,8 @@ impl<'a> Remesher<'a> {
         let area: f64 = live.map(|(f, _)| norm(self.normal(*f)) / 2.0).sum();
         // A vertex of a regular triangulation has two triangles of area sqrt(3)/4 L^2.
         let mut edge = (area / (count as f64 * 0.75f64.sqrt())).sqrt();
+        // About six edges around the thinnest limb.
+        self.thick = edge;
         for round in 0..6 {
             self.split_long(4.0 / 3.0 * edge, usize::MAX);
             // From a fine grid, growing limits collapse evenly instead of eating one region first.
@@ -94,11 +109,22 @@ impl<'a> Remesher<'a> {
         normal(a, b, c)
     }
 
+    /// Squared length of an edge, magnified where limbs are thin.
     fn length2(&self, a: u32, b: u32) -> f64 {
-        distance2(self.posed[a as usize], self.posed[b as usize])
+        let (a, b) = (a as usize, b as usize);
+        self.sized(
+            distance2(self.posed[a], self.posed[b]),
+            self.thickness[a],
+            self.thickness[b],
+        )
     }
 
-    /// The edges with their squared lengths, ascending.
+    fn sized(&self, length2: f64, r: f64, s: f64) -> f64 {
+        let magnified = |radius: f64| (self.thick / radius).max(1.0);
+        length2 * magnified(r) * magnified(s)
+    }
+
+    /// The edges with their squared magnified lengths, ascending.
     fn by_length(&self) -> Vec<(f64, [u32; 2])> {
         let mut edges: Vec<(f64, [u32; 2])> = self
             .mesh
@@ -111,13 +137,24 @@ impl<'a> Remesher<'a> {
     }
 
     /// The surface point near the middle of an edge, at rest and posed.
-    fn middle(&self, a: u32, b: u32) -> ([f64; 3], [f64; 3]) {
+    fn middle(&self, a: u32, b: u32) -> Place {
         self.place(lerp(self.rest[a as usize], self.rest[b as usize], 0.5))
     }
 
-    fn place(&self, near: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+    fn place(&self, near: [f64; 3]) -> Place {
         let rest = self.surface.project(near);
-        (rest, self.surface.posed(self.motions, rest))
+        let (posed, thickness) = self.surface.posed(self.motions, rest);
+        Place {
+            rest,
+            posed,
+            thickness,
+        }
+    }
+
+    fn put(&mut self, v: u32, place: &Place) {
+        self.rest[v as usize] = place.rest;
+        self.posed[v as usize] = place.posed;
+        self.thickness[v as usize] = place.thickness;
     }
 
     /// Splits edges longer than `limit`, the longest first, while there are fewer than `most` vertices.
@@ -127,10 +164,11 @@ impl<'a> Remesher<'a> {
             if length2 <= limit * limit || count >= most {
                 break;
             }
-            let (rest, posed) = self.middle(a, b);
+            let place = self.middle(a, b);
             self.mesh.split(a, b);
-            self.rest.push(rest);
-            self.posed.push(posed);
+            self.rest.push(place.rest);
+            self.posed.push(place.posed);
+            self.thickness.push(place.thickness);
             count += 1;
         }
     }
@@ -147,22 +185,27 @@ impl<'a> Remesher<'a> {
             if self.length2(a, b) >= limit * limit || !self.mesh.can_collapse(a, b) {
                 continue;
             }
-            let (rest, posed) = self.middle(a, b);
+            let place = self.middle(a, b);
+            let reach2 = |w: u32| {
+                let length2 = distance2(place.posed, self.posed[w as usize]);
+                self.sized(length2, place.thickness, self.thickness[w as usize])
+            };
             let too_long = |v: u32| {
-                let ring = self.mesh.ring(v).0;
-                ring.iter()
-                    .any(|&w| distance2(posed, self.posed[w as usize]) > longest * longest)
+                self.mesh
+                    .ring(v)
+                    .0
+                    .into_iter()
+                    .any(|w| reach2(w) > longest * longest)
             };
             let fits = |v: u32, other: u32| {
                 self.mesh
-                    .move_keeps_normals(&self.posed, v, other, posed, TURN, FLATTEST)
+                    .move_keeps_normals(&self.posed, v, other, place.posed, TURN, FLATTEST)
             };
             if too_long(a) || too_long(b) || !fits(a, b) || !fits(b, a) {
                 continue;
             }
             self.mesh.collapse(a, b);
-            self.rest[a as usize] = rest;
-            self.posed[a as usize] = posed;
+            self.put(a, &place);
             count -= 1;
         }
     }
@@ -223,13 +266,12 @@ impl<'a> Remesher<'a> {
             if weight <= 0.0 {
                 continue;
             }
-            let (rest, posed) = self.place(scale(sum, 1.0 / weight));
+            let place = self.place(scale(sum, 1.0 / weight));
             if self
                 .mesh
-                .move_keeps_normals(&self.posed, v, u32::MAX, posed, TURN, FLATTEST)
+                .move_keeps_normals(&self.posed, v, u32::MAX, place.posed, TURN, FLATTEST)
             {
-                self.rest[v as usize] = rest;
-                self.posed[v as usize] = posed;
+                self.put(v, &place);
             }
         }
     }

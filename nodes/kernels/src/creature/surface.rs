@@ -26,8 +26,8 @@ impl RestSurface {
         }
     }
 
-    /// Squared `rho` of each bone and its gradient.
-    fn rho2(&self, p: [f64; 3]) -> impl Iterator<Item = (f64, [f64; 3])> + '_ {
+    /// For each bone its squared `rho`, the gradient of that, and its radius beside the point.
+    fn rho2(&self, p: [f64; 3]) -> impl Iterator<Item = (f64, [f64; 3], f64)> + '_ {
         self.skeleton.bones.iter().map(move |bone| {
             let axis = sub(bone.end, bone.start);
             let length2 = dot(axis, axis);
@@ -45,7 +45,7 @@ impl RestSurface {
                     scale(axis, 2.0 * rho2 * taper / (radius * length2)),
                 );
             }
-            (rho2.max(1e-12), gradient)
+            (rho2.max(1e-12), gradient, radius)
         })
     }
 
@@ -57,7 +57,7 @@ impl RestSurface {
 
     fn level_and_gradient(&self, p: [f64; 3]) -> (f64, [f64; 3]) {
         let (mut sum, mut gradient) = (0.0, [0.0; 3]);
-        for (rho2, direction) in self.rho2(p) {
+        for (rho2, direction, _) in self.rho2(p) {
             let inverse = 1.0 / rho2;
             let term = (inverse * inverse) * (inverse * inverse);
             sum += term;
@@ -106,14 +106,22 @@ impl RestSurface {
             .fold(f64::INFINITY, f64::min)
     }
 
-    /// Where a rest point goes when the bones move. Near a joint, the motions of its bones are blended smoothly.
-    pub(super) fn posed(&self, motions: &[Motion], p: [f64; 3]) -> [f64; 3] {
-        let weight = |(rho2, _): (f64, [f64; 3])| {
-            let w = (1.0 / rho2 - 1.0 / (REACH * REACH)).max(0.0);
-            w * w
-        };
-        let weights: Vec<f64> = self.rho2(p).map(weight).collect();
-        Motion::blend(motions, &weights).apply(p)
+    /// Where a rest point goes when the bones move, and how thick the body is there (a radius). Near a joint, motions and
+    /// radii of its bones are blended smoothly.
+    pub(super) fn posed(&self, motions: &[Motion], p: [f64; 3]) -> ([f64; 3], f64) {
+        let mut weights = Vec::with_capacity(motions.len());
+        let (mut sum, mut thickness) = (0.0, 0.0);
+        for (rho2, _, radius) in self.rho2(p) {
+            let reach = (1.0 / rho2 - 1.0 / (REACH * REACH)).max(0.0);
+            let weight = reach * reach;
+            weights.push(weight);
+            sum += weight;
+            thickness += weight * radius;
+        }
+        (
+            Motion::blend(motions, &weights).apply(p),
+            thickness / sum.max(f64::MIN_POSITIVE),
+        )
     }
 
     /// A random rotation (unit quaternion) and offset of a grid.
