@@ -13,6 +13,7 @@ pub mod reconstruct;
 pub mod reconstruction_energy;
 pub mod shuffle;
 pub mod simplify;
+pub mod synthesize;
 
 use salient_sdk::AnyNode;
 
@@ -30,4 +31,5 @@ pub static NODES: &[&dyn AnyNode] = &[
     &reconstruction_energy::ReconstructionEnergy,
     &shuffle::Shuffle,
     &simplify::Simplify,
+    &synthesize::Synthesize,
 ];

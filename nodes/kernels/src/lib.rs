@@ -2,6 +2,7 @@
 
 pub mod adjacency;
 pub mod assignment;
+pub mod creature;
 pub mod disc;
 pub mod eigen;
 pub mod geodesic;

@@ -2,7 +2,7 @@
 //!
 //! Shared by decimation and remeshing. Each vertex holds the list of its live faces; lists are short (about six).
 
-use crate::vec3::{dot, norm, normal};
+use crate::vec3::{distance2, dot, norm, normal};
 
 /// The editable connectivity. Removed faces and vertices keep their numbers and are marked.
 pub(crate) struct Surgery {
@@ -28,10 +28,16 @@ impl Surgery {
             if a == b || b == c || c == a {
                 alive[f] = false;
             } else {
-                [a, b, c].iter().for_each(|&v| star[v as usize].push(f as u32));
+                [a, b, c]
+                    .iter()
+                    .for_each(|&v| star[v as usize].push(f as u32));
             }
         }
-        Self { faces: faces.to_vec(), alive, star }
+        Self {
+            faces: faces.to_vec(),
+            alive,
+            star,
+        }
     }
 
     /// The faces at edge `ab`, by ascending number.
@@ -51,7 +57,9 @@ impl Surgery {
 
     /// The neighbours of `v`, ascending, and whether some edge at `v` has one face only.
     pub(crate) fn ring(&self, v: u32) -> (Vec<u32>, bool) {
-        let star = self.star[v as usize].iter().flat_map(|&f| self.faces[f as usize]);
+        let star = self.star[v as usize]
+            .iter()
+            .flat_map(|&f| self.faces[f as usize]);
         let mut ring: Vec<u32> = star.filter(|&w| w != v).collect();
         ring.sort_unstable();
         let boundary = ring.chunk_by(|a, b| a == b).any(|run| run.len() == 1);
@@ -81,7 +89,10 @@ impl Surgery {
         }
         let mut far: Vec<u32> = sides.iter().map(|s| s.far).collect();
         far.sort_unstable();
-        let common: Vec<u32> = ring_a.into_iter().filter(|v| ring_b.binary_search(v).is_ok()).collect();
+        let common: Vec<u32> = ring_a
+            .into_iter()
+            .filter(|v| ring_b.binary_search(v).is_ok())
+            .collect();
         if common != far {
             return false;
         }
@@ -97,7 +108,10 @@ impl Surgery {
             return false;
         }
         // A lone boundary triangle, or one hanging by a corner, must not vanish into an edge.
-        sides.len() == 2 || sides.iter().all(|s| self.sides(a, s.far).len() + self.sides(b, s.far).len() > 2)
+        sides.len() == 2
+            || sides
+                .iter()
+                .all(|s| self.sides(a, s.far).len() + self.sides(b, s.far).len() > 2)
     }
 
     /// Collapses `b` into `a`. The caller has asked [`Self::can_collapse`].
@@ -125,7 +139,8 @@ impl Surgery {
             let corners = self.faces[face as usize];
             let added = self.faces.len() as u32;
             self.faces[face as usize] = corners.map(|v| if v == b { middle } else { v });
-            self.faces.push(corners.map(|v| if v == a { middle } else { v }));
+            self.faces
+                .push(corners.map(|v| if v == a { middle } else { v }));
             self.alive.push(true);
             self.star[b as usize].retain(|&f| f != face);
             for v in self.faces[added as usize] {
@@ -142,12 +157,16 @@ impl Surgery {
             return false;
         };
         let (p, q) = (left.far, right.far);
-        if p == q || !self.sides(p, q).is_empty() || self.star[a as usize].len() < 4 || self.star[b as usize].len() < 4
+        if p == q
+            || !self.sides(p, q).is_empty()
+            || self.star[a as usize].len() < 4
+            || self.star[b as usize].len() < 4
         {
             return false;
         }
         // `left` keeps a, `right` keeps b; each takes the other's far corner in place of its lost one.
-        let put = |corners: [u32; 3], old: u32, new: u32| corners.map(|v| if v == old { new } else { v });
+        let put =
+            |corners: [u32; 3], old: u32, new: u32| corners.map(|v| if v == old { new } else { v });
         self.faces[left.face as usize] = put(self.faces[left.face as usize], b, q);
         self.faces[right.face as usize] = put(self.faces[right.face as usize], a, p);
         self.star[b as usize].retain(|&f| f != left.face);
@@ -161,7 +180,7 @@ impl Surgery {
     }
 
     /// Whether the faces of `v` that do not contain `other` keep their orientation when `v` moves to `to`: the normals turn
-    /// by less than the angle of cosine `least`, and no face becomes flatter than `flattest` (height over longest edge).
+    /// by less than the angle of cosine `least`, and no face becomes flatter than `flattest` (height over longest edge), unless it was flat before.
     pub(crate) fn move_keeps_normals(
         &self,
         points: &[[f64; 3]],
@@ -178,19 +197,37 @@ impl Surgery {
             }
             let (p, q) = (points[p as usize], points[q as usize]);
             let (old, new) = (normal(points[v as usize], p, q), normal(to, p, q));
-            let longest2 =
-                [(to, p), (p, q), (q, to)].iter().map(|&(x, y)| crate::vec3::distance2(x, y)).fold(0.0, f64::max);
+            let shape = |apex: [f64; 3], doubled: [f64; 3]| {
+                let longest2 = distance2(apex, p)
+                    .max(distance2(p, q))
+                    .max(distance2(q, apex));
+                if longest2 > 0.0 {
+                    norm(doubled) / longest2
+                } else {
+                    0.0
+                }
+            };
             // A face without area before has no direction to keep.
             let turned = norm(old) > 0.0 && dot(old, new) < least * norm(old) * norm(new);
-            !turned && norm(new) > flattest * longest2
+            !turned && shape(to, new) > flattest.min(0.5 * shape(points[v as usize], old))
         })
     }
 
     /// The live edges, lower end first, ascending.
     pub(crate) fn edges(&self) -> Vec<[u32; 2]> {
-        let live = self.faces.iter().zip(&self.alive).filter(|(_, alive)| **alive);
+        let live = self
+            .faces
+            .iter()
+            .zip(&self.alive)
+            .filter(|(_, alive)| **alive);
         let mut edges: Vec<[u32; 2]> = live
-            .flat_map(|(&[a, b, c], _)| [[a.min(b), a.max(b)], [b.min(c), b.max(c)], [c.min(a), c.max(a)]])
+            .flat_map(|(&[a, b, c], _)| {
+                [
+                    [a.min(b), a.max(b)],
+                    [b.min(c), b.max(c)],
+                    [c.min(a), c.max(a)],
+                ]
+            })
             .collect();
         edges.sort_unstable();
         edges.dedup();
@@ -199,12 +236,18 @@ impl Surgery {
 
     /// The live vertices, ascending, and the live faces over their new numbers.
     pub(crate) fn finish(&self) -> (Vec<u32>, Vec<[u32; 3]>) {
-        let kept: Vec<u32> = (0..self.star.len() as u32).filter(|&v| !self.star[v as usize].is_empty()).collect();
+        let kept: Vec<u32> = (0..self.star.len() as u32)
+            .filter(|&v| !self.star[v as usize].is_empty())
+            .collect();
         let mut new_of = vec![u32::MAX; self.star.len()];
         for (new, &old) in kept.iter().enumerate() {
             new_of[old as usize] = new as u32;
         }
-        let live = self.faces.iter().zip(&self.alive).filter(|(_, alive)| **alive);
+        let live = self
+            .faces
+            .iter()
+            .zip(&self.alive)
+            .filter(|(_, alive)| **alive);
         let faces = live.map(|(f, _)| f.map(|v| new_of[v as usize])).collect();
         (kept, faces)
     }
