@@ -7,6 +7,7 @@ use super::lanczos::{Run, lanczos, orthonormalise, refine};
 use super::problem::Problem;
 use super::{Certificate, EigenError, Eigenpairs, Hooks, Method, Options};
 use faer::Mat;
+use std::cell::Cell;
 use std::f64::consts::PI;
 
 /// Shifts tried in turn, in units of the first eigenvalue that Weyl's law expects of a surface of unit area.
@@ -45,6 +46,10 @@ pub(crate) fn solve(
     hooks: &dyn Hooks,
 ) -> Result<Eigenpairs, EigenError> {
     check(problem, k, options)?;
+    let hooks = &Forward {
+        hooks,
+        reached: Cell::new(0.0),
+    };
     hooks.progress(0.0);
     if hooks.cancelled() {
         return Err(EigenError::Cancelled);
@@ -81,6 +86,23 @@ pub(crate) fn solve(
         attempt.extra = (4 * attempt.extra).min(available);
     }
     Err(failure)
+}
+
+/// Keeps progress from falling back when a further round or attempt begins.
+struct Forward<'a> {
+    hooks: &'a dyn Hooks,
+    reached: Cell<f64>,
+}
+
+impl Hooks for Forward<'_> {
+    fn progress(&self, fraction: f64) {
+        self.reached.set(self.reached.get().max(fraction));
+        self.hooks.progress(self.reached.get());
+    }
+
+    fn cancelled(&self) -> bool {
+        self.hooks.cancelled()
+    }
 }
 
 fn check(problem: &Problem<'_>, k: usize, options: &Options) -> Result<(), EigenError> {
