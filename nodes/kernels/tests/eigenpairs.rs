@@ -239,7 +239,7 @@ fn components_each_have_a_zero_and_identical_ones_all_copies() {
     let mut mesh = icosphere(1);
     for i in 1..9 {
         let mut next = icosphere(1);
-        next.0.iter_mut().for_each(|p| p[0] += 3.0 * i as f64);
+        next.0.iter_mut().for_each(|p| p[0] += 3.0 * f64::from(i));
         mesh = union(&mesh, &next);
     }
     let all = operator(&mesh);

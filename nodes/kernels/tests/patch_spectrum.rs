@@ -3,7 +3,7 @@
 mod common;
 
 use common::*;
-use salient_kernels::eigen::{Hooks, Options, eigenpairs};
+use salient_kernels::eigen::{EigenError, Hooks, Options, eigenpairs};
 use salient_kernels::laplacian::{Area, laplacian};
 use salient_kernels::patch_spectrum::{PatchError, PatchOptions, patch_spectrum};
 
@@ -139,19 +139,21 @@ fn one_triangle_has_two_values() {
     );
 }
 
+struct Stop;
+
+impl Hooks for Stop {
+    fn cancelled(&self) -> bool {
+        true
+    }
+}
+
 #[test]
 fn refusals() {
     let two = union(&rough_patch(3, 3), &rough_patch(4, 3));
     let refused = |count| patch_spectrum(&two.0, &two.1, count, &PatchOptions::default(), &());
     assert_eq!(refused(5), Err(PatchError::Disconnected { components: 2 }));
     assert_eq!(refused(0), Err(PatchError::NoneWanted));
-    struct Stop;
-    impl Hooks for Stop {
-        fn cancelled(&self) -> bool {
-            true
-        }
-    }
     let patch = rough_patch(5, 5);
     let cancelled = patch_spectrum(&patch.0, &patch.1, 5, &PatchOptions::default(), &Stop);
-    assert!(matches!(cancelled, Err(PatchError::Eigen(_))));
+    assert_eq!(cancelled, Err(PatchError::Eigen(EigenError::Cancelled)));
 }

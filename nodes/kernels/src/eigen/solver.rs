@@ -247,9 +247,7 @@ impl Attempt<'_> {
         let (mut worst, mut fine) = (0.0f64, true);
         for (j, &value) in pairs.values.iter().enumerate() {
             let (norm, rounding) = self.problem.residual(value, column(&pairs.v, j));
-            // Pairs beyond the wanted ones only help to place the cut.
-            let slack = if j < self.wanted { 1.0 } else { 1e3 };
-            if norm > slack * (self.options.tolerance * value).max(16.0 * rounding)
+            if norm > (self.options.tolerance * value).max(16.0 * rounding)
                 || !norm.is_finite()
                 || value <= 0.0
             {
