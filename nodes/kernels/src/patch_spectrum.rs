@@ -24,7 +24,7 @@ impl Default for PatchOptions {
         Self {
             area: Area::Mixed,
             intrinsic_delaunay: false,
-            dense_limit: 250,
+            dense_limit: 450,
         }
     }
 }
