@@ -9,6 +9,7 @@ mod dense;
 mod factor;
 mod gauge;
 mod lanczos;
+mod pairs;
 mod problem;
 mod solver;
 

@@ -21,7 +21,11 @@ pub struct PatchOptions {
 
 impl Default for PatchOptions {
     fn default() -> Self {
-        Self { area: Area::Mixed, intrinsic_delaunay: false, dense_limit: 250 }
+        Self {
+            area: Area::Mixed,
+            intrinsic_delaunay: false,
+            dense_limit: 450,
+        }
     }
 }
 

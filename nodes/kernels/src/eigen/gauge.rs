@@ -27,6 +27,8 @@ pub(super) fn fix_sign(v: &mut [f64], mass: &[f64]) {
 
 #[cfg(test)]
 mod tests {
+    // Only signs change: exact.
+    #![allow(clippy::float_cmp)]
     use super::fix_sign;
 
     #[test]

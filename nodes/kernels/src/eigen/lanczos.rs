@@ -9,8 +9,8 @@ use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
 
-/// Ritz pairs of the inverse are accepted at this residual relative to their value; [`refine`] then squares the error of the values.
-const RITZ_TOLERANCE: f64 = 1e-10;
+/// Ritz pairs of the inverse are accepted at this residual relative to their value. [`refine`] then brings the residual of A itself to about 1e-12.
+const RITZ_TOLERANCE: f64 = 1e-8;
 
 /// A column that shrinks by this factor under orthogonalisation lies in the span already: only rounding error is left of it.
 const DEPENDENT: f64 = 1e-12;

@@ -3,6 +3,7 @@
 use super::EigenError;
 use crate::sparse::SymmetricCsr;
 use faer::MatMut;
+use faer::prelude::Reborrow;
 
 /// The known null space: one indicator per connected component.
 pub(crate) struct Kernel {
@@ -87,21 +88,21 @@ impl<'a> Problem<'a> {
     }
 
     /// Removes the null space from every column.
-    pub(super) fn project_out_kernel(&self, mut columns: MatMut<'_, f64>) {
+    pub(super) fn project_out_kernel(&self, columns: MatMut<'_, f64>) {
         if self.kernel.is_none() {
             return;
         }
         let mut along = vec![0.0; self.nullity()];
-        for j in 0..columns.ncols() {
+        for column in columns.col_iter_mut() {
             along.fill(0.0);
-            for i in 0..self.n() {
+            for (i, x) in column.rb().iter().enumerate() {
                 if let Some((label, unit)) = self.null_entry(i) {
-                    along[label] += unit * columns[(i, j)];
+                    along[label] += unit * x;
                 }
             }
-            for i in 0..self.n() {
+            for (i, x) in column.iter_mut().enumerate() {
                 if let Some((label, unit)) = self.null_entry(i) {
-                    columns[(i, j)] -= unit * along[label];
+                    *x -= unit * along[label];
                 }
             }
         }

@@ -1,22 +1,18 @@
 //! From approximate vectors to certified pairs: refinement, the cut, the count, deflated rounds for what was missed.
 
-use super::dense::{inner, lifted, symmetric_eigen, symmetric_eigenvalues};
+use super::dense::{lifted, symmetric_eigen, symmetric_eigenvalues};
 use super::factor::{Factor, Factorizer};
 use super::gauge::fix_sign;
 use super::lanczos::{Run, lanczos, orthonormalise, refine};
+use super::pairs::{Cut, Pairs, place_cut};
 use super::problem::Problem;
 use super::{Certificate, EigenError, Eigenpairs, Hooks, Method, Options};
 use faer::Mat;
+use std::cell::Cell;
 use std::f64::consts::PI;
 
 /// Shifts tried in turn, in units of the first eigenvalue that Weyl's law expects of a surface of unit area.
 const SHIFTS: [f64; 3] = [-1.0, -0.3, -3.7];
-
-/// A gap this wide, relative to the eigenvalue above it, is as good a place for the cut as any.
-const WIDE: f64 = 1e-4;
-
-/// A gap must be at least this wide for a cut.
-const NARROW: f64 = 1e-8;
 
 /// Accepted departure of V' S V from the identity.
 const ORTHOGONALITY: f64 = 1e-10;
@@ -24,18 +20,12 @@ const ORTHOGONALITY: f64 = 1e-10;
 /// Deflated rounds per attempt: enough for eight times as many copies of one eigenvalue.
 const ROUNDS: usize = 40;
 
-/// Pairs of the scaled problem with ascending values, columns as R^-1 y.
-struct Pairs {
-    values: Vec<f64>,
-    y: Mat<f64>,
-    v: Mat<f64>,
-}
-
-struct Cut {
-    position: usize,
-    value: f64,
-    width: f64,
-}
+/// When vectors turn out dependent, or no cut exists, there is nothing to count.
+const UNCERTIFIED: EigenError = EigenError::NotCertified {
+    expected: 0,
+    found: 0,
+    residual: f64::NAN,
+};
 
 /// See [`super::eigenpairs`]; without a kernel, all eigenvalues count as positive.
 pub(crate) fn solve(
@@ -45,6 +35,10 @@ pub(crate) fn solve(
     hooks: &dyn Hooks,
 ) -> Result<Eigenpairs, EigenError> {
     check(problem, k, options)?;
+    let hooks = &Forward {
+        hooks,
+        reached: Cell::new(0.0),
+    };
     hooks.progress(0.0);
     if hooks.cancelled() {
         return Err(EigenError::Cancelled);
@@ -52,24 +46,53 @@ pub(crate) fn solve(
     let nullity = problem.nullity();
     let available = problem.n() - nullity;
     let factorizer = Factorizer::new(problem)?;
-    let mut failure = EigenError::NotCertified { expected: 0, found: 0, residual: f64::NAN };
     let wanted = k.saturating_sub(nullity);
-    let mut attempt =
-        Attempt { problem, factorizer: &factorizer, options, hooks, wanted, extra: 6 + wanted / 16, number: 0 };
-    for number in 0..SHIFTS.len() {
-        attempt.number = number;
+    let mut attempt = Attempt {
+        problem,
+        factorizer: &factorizer,
+        options,
+        hooks,
+        k,
+        wanted,
+        extra: 6 + wanted / 16,
+        number: 0,
+    };
+    loop {
         match attempt.run() {
             Ok((pairs, certificate)) => {
                 hooks.progress(1.0);
                 return Ok(finish(problem, k, &pairs, certificate));
             }
-            Err(EigenError::Cancelled) => return Err(EigenError::Cancelled),
-            Err(error) => failure = error,
+            // A cluster reaches beyond the pairs computed; with all of them there always is a cut.
+            Err(Failure::NoGap) if attempt.extra < available => {
+                attempt.extra = (4 * attempt.extra).min(available);
+            }
+            Err(Failure::NoGap) => return Err(UNCERTIFIED),
+            Err(Failure::Uncertified(error)) => {
+                attempt.number += 1;
+                if matches!(error, EigenError::Cancelled) || attempt.number == SHIFTS.len() {
+                    return Err(error);
+                }
+            }
         }
-        // A cluster may reach beyond the pairs computed.
-        attempt.extra = (4 * attempt.extra).min(available);
     }
-    Err(failure)
+}
+
+/// Keeps progress from falling back when a further round or attempt begins.
+struct Forward<'a> {
+    hooks: &'a dyn Hooks,
+    reached: Cell<f64>,
+}
+
+impl Hooks for Forward<'_> {
+    fn progress(&self, fraction: f64) {
+        self.reached.set(self.reached.get().max(fraction));
+        self.hooks.progress(self.reached.get());
+    }
+
+    fn cancelled(&self) -> bool {
+        self.hooks.cancelled()
+    }
 }
 
 fn check(problem: &Problem<'_>, k: usize, options: &Options) -> Result<(), EigenError> {
@@ -88,12 +111,27 @@ fn check(problem: &Problem<'_>, k: usize, options: &Options) -> Result<(), Eigen
     Ok(())
 }
 
+/// Why an attempt came to nothing.
+enum Failure {
+    /// No gap in the spectrum to place the cut in.
+    NoGap,
+    /// Something else, which another shift may mend.
+    Uncertified(EigenError),
+}
+
+impl From<EigenError> for Failure {
+    fn from(error: EigenError) -> Self {
+        Self::Uncertified(error)
+    }
+}
+
 struct Attempt<'a> {
     problem: &'a Problem<'a>,
     factorizer: &'a Factorizer,
     options: &'a Options,
     hooks: &'a dyn Hooks,
-    /// Eigenpairs wanted beyond the null space.
+    /// Eigenpairs asked for, and those among them beyond the null space.
+    k: usize,
     wanted: usize,
     /// Pairs computed beyond those, to find a gap.
     extra: usize,
@@ -101,7 +139,7 @@ struct Attempt<'a> {
 }
 
 impl Attempt<'_> {
-    fn run(&self) -> Result<(Pairs, Certificate), EigenError> {
+    fn run(&self) -> Result<(Pairs, Certificate), Failure> {
         let shift = 4.0 * PI * SHIFTS[self.number];
         let factor = self.factorizer.factor(shift)?;
         let available = self.problem.n() - self.problem.nullity();
@@ -111,9 +149,7 @@ impl Attempt<'_> {
         let mut pairs = self.refined(&factor, start)?;
         let mut worst = (0, 0);
         for round in 1..ROUNDS {
-            let Some(cut) = place_cut(&pairs.values, self.wanted, available) else {
-                break;
-            };
+            let cut = place_cut(&pairs.values, self.wanted, available).ok_or(Failure::NoGap)?;
             let expected = self.factorizer.count_below(cut.value, cut.width)?;
             let found = self.problem.nullity() + cut.position;
             worst = (expected, found);
@@ -136,13 +172,27 @@ impl Attempt<'_> {
             let fresh = self.lanczos(&factor, &pairs.y, more, round)?;
             pairs = self.refined(&factor, side_by_side(&pairs.y, &fresh))?;
         }
-        let residual = self.worst_residual(&pairs).0;
-        Err(EigenError::NotCertified { expected: worst.0, found: worst.1, residual })
+        let residual = pairs
+            .worst_residual(self.problem, self.wanted, self.options.tolerance)
+            .0;
+        Err(EigenError::NotCertified {
+            expected: worst.0,
+            found: worst.1,
+            residual,
+        }
+        .into())
     }
 
+    /// The lowest vectors of a full decomposition, past the first gap above the wanted ones.
     fn dense(&self, want: usize) -> Result<Mat<f64>, EigenError> {
-        let (_, vectors) = symmetric_eigen(lifted(self.problem).as_ref())?;
-        Ok(vectors.subcols(0, want).to_owned())
+        let (mut values, vectors) = symmetric_eigen(lifted(self.problem).as_ref())?;
+        let available = self.problem.n() - self.problem.nullity();
+        values.truncate(available);
+        let past_gap =
+            place_cut(&values, self.wanted, available).map_or(available, |cut| cut.position + 1);
+        Ok(vectors
+            .subcols(0, want.max(past_gap).min(available))
+            .to_owned())
     }
 
     fn lanczos(
@@ -168,40 +218,24 @@ impl Attempt<'_> {
 
     /// Refines until residuals are small or stop falling.
     fn refined(&self, factor: &Factor<'_>, start: Mat<f64>) -> Result<Pairs, EigenError> {
-        let uncertified = EigenError::NotCertified { expected: 0, found: 0, residual: f64::NAN };
         if start.ncols() == 0 {
             return Ok(Pairs { values: Vec::new(), v: start.clone(), y: start });
         }
-        let mut y = orthonormalise(start).ok_or(uncertified.clone())?;
+        let mut y = orthonormalise(start).ok_or(UNCERTIFIED)?;
         for _ in 0..4 {
             if self.hooks.cancelled() {
                 return Err(EigenError::Cancelled);
             }
-            y = refine(self.problem, factor, &y)?.ok_or(uncertified.clone())?;
-            let pairs = sorted_pairs(self.problem, &y);
-            if self.worst_residual(&pairs).1 {
+            y = refine(self.problem, factor, &y)?.ok_or(UNCERTIFIED)?;
+            let pairs = Pairs::sorted(self.problem, &y);
+            if pairs
+                .worst_residual(self.problem, self.wanted, self.options.tolerance)
+                .1
+            {
                 return Ok(pairs);
             }
         }
-        Ok(sorted_pairs(self.problem, &y))
-    }
-
-    /// The largest relative residual of the wanted pairs and those just above, and whether all are within bounds.
-    fn worst_residual(&self, pairs: &Pairs) -> (f64, bool) {
-        let (mut worst, mut fine) = (0.0f64, true);
-        for (j, &value) in pairs.values.iter().enumerate() {
-            let (norm, rounding) = self.problem.residual(value, column(&pairs.v, j));
-            // Pairs beyond the wanted ones only help to place the cut.
-            let slack = if j < self.wanted { 1.0 } else { 1e3 };
-            if norm > slack * (self.options.tolerance * value).max(16.0 * rounding) || !norm.is_finite() || value <= 0.0
-            {
-                fine = false;
-            }
-            if j < self.wanted {
-                worst = worst.max(norm / value);
-            }
-        }
-        (worst, fine)
+        Ok(Pairs::sorted(self.problem, &y))
     }
 
     fn certify(
@@ -211,108 +245,51 @@ impl Attempt<'_> {
         expected: usize,
         method: Method,
         rounds: usize,
-    ) -> Result<(Pairs, Certificate), EigenError> {
+    ) -> Result<(Pairs, Certificate), Failure> {
         let found = self.problem.nullity() + cut.position;
-        let (residual, fine) = self.worst_residual(&pairs);
-        let orthogonality = self.orthogonality_error(&pairs);
+        let (residual, fine) =
+            pairs.worst_residual(self.problem, self.wanted, self.options.tolerance);
+        let orthogonality = pairs.orthogonality_error(self.problem);
         if !fine || orthogonality > ORTHOGONALITY {
-            return Err(EigenError::NotCertified { expected, found, residual });
+            return Err(EigenError::NotCertified {
+                expected,
+                found,
+                residual,
+            }
+            .into());
         }
-        let relative_gap = |next: f64| match self.wanted {
-            0 => 1.0,
-            k => (next - pairs.values[k - 1]) / next,
+        // The spectrum around the last pair asked for, zeros included.
+        let nullity = self.problem.nullity();
+        let value = |i: usize| {
+            if i < nullity {
+                Some(0.0)
+            } else {
+                pairs.values.get(i - nullity).copied()
+            }
         };
+        let gap_above = value(self.k).zip(value(self.k - 1)).map(|(next, last)| {
+            if next > 0.0 {
+                (next - last) / next
+            } else {
+                0.0
+            }
+        });
         let certificate = Certificate {
             method,
             cut: cut.value / self.problem.area,
             expected,
             found,
-            max_residual: residual.max(self.null_residual(&pairs)),
+            max_residual: residual.max(pairs.null_residual(self.problem)),
             max_orthogonality_error: orthogonality,
             rounds,
-            gap_above: pairs.values.get(self.wanted).map(|&next| relative_gap(next)),
+            gap_above,
         };
         Ok((pairs, certificate))
     }
-
-    /// The largest residual of the null vectors over the first positive eigenvalue: rounding of the row sums.
-    fn null_residual(&self, pairs: &Pairs) -> f64 {
-        let Some(&first) = pairs.values.first() else {
-            return 0.0;
-        };
-        let mut squares = vec![0.0; self.problem.nullity()];
-        for i in 0..self.problem.n() {
-            if let Some((label, unit)) = self.problem.null_entry(i) {
-                let value = unit / self.problem.root[i];
-                squares[label] += (self.problem.stiffness.row_sum(i) * value / self.problem.root[i]).powi(2);
-            }
-        }
-        squares.iter().fold(0.0f64, |m: f64, s: &f64| m.max(s.sqrt())) / first
-    }
-
-    fn orthogonality_error(&self, pairs: &Pairs) -> f64 {
-        let gram = inner(pairs.y.as_ref(), pairs.y.as_ref());
-        let mut worst = 0.0f64;
-        for i in 0..gram.nrows() {
-            for j in 0..gram.ncols() {
-                let identity = if i == j { 1.0 } else { 0.0 };
-                worst = worst.max((gram[(i, j)] - identity).abs());
-            }
-        }
-        // Against the null space: what projecting it out once more changes.
-        let mut projected = pairs.y.clone();
-        self.problem.project_out_kernel(projected.as_mut());
-        for j in 0..projected.ncols() {
-            let change: f64 = (0..projected.nrows()).map(|i| (projected[(i, j)] - pairs.y[(i, j)]).powi(2)).sum();
-            worst = worst.max(change.sqrt());
-        }
-        worst
-    }
-}
-
-/// The first wide gap at or above the wanted pairs, else the widest there is, else nothing.
-fn place_cut(values: &[f64], wanted: usize, available: usize) -> Option<Cut> {
-    if values.len() < wanted {
-        return None;
-    }
-    if values.len() == available {
-        // All of them: any cut above the last.
-        let last = values.last().copied().unwrap_or(1.0);
-        return Some(Cut { position: available, value: 2.0 * last, width: 0.5 });
-    }
-    let mut best: Option<Cut> = None;
-    for position in wanted..values.len() {
-        let below = if position == 0 { 0.0 } else { values[position - 1] };
-        let above = values[position];
-        let width = (above - below) / above;
-        if width > best.as_ref().map_or(NARROW, |b| b.width) {
-            best = Some(Cut { position, value: 0.5 * (below + above), width });
-        }
-        if width > WIDE {
-            break;
-        }
-    }
-    best
-}
-
-fn column(m: &Mat<f64>, j: usize) -> &[f64] {
-    m.col_as_slice(j)
 }
 
 fn side_by_side(a: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
     Mat::from_fn(a.nrows(), a.ncols() + b.ncols(), |i, j| if j < a.ncols() { a[(i, j)] } else { b[(i, j - a.ncols())] })
-}
-
-fn sorted_pairs(problem: &Problem<'_>, y: &Mat<f64>) -> Pairs {
-    let n = y.nrows();
-    let v = Mat::from_fn(n, y.ncols(), |i, j| y[(i, j)] / problem.root[i]);
-    let mut order: Vec<(f64, usize)> = (0..y.ncols()).map(|j| (problem.rayleigh_quotient(column(&v, j)), j)).collect();
-    order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    Pairs {
-        values: order.iter().map(|o| o.0).collect(),
-        y: Mat::from_fn(n, y.ncols(), |i, j| y[(i, order[j].1)]),
-        v: Mat::from_fn(n, y.ncols(), |i, j| v[(i, order[j].1)]),
-    }
 }
 
 /// Back to the caller's units, null space first.
@@ -331,7 +308,7 @@ fn finish(problem: &Problem<'_>, k: usize, pairs: &Pairs, certificate: Certifica
     for j in 0..k - null {
         values.push(pairs.values[j] / problem.area);
         let target = &mut vectors[(null + j) * n..(null + j + 1) * n];
-        for (x, v) in target.iter_mut().zip(column(&pairs.v, j)) {
+        for (x, v) in target.iter_mut().zip(pairs.v.col_as_slice(j)) {
             *x = v / problem.area.sqrt() + 0.0; // + 0.0: no negative zeros in an artefact
         }
         fix_sign(target, problem.mass);

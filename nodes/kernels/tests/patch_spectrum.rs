@@ -1,0 +1,159 @@
+//! Patch spectra against the explicitly doubled mesh and exact rectangles.
+
+mod common;
+
+use common::*;
+use salient_kernels::eigen::{EigenError, Hooks, Options, eigenpairs};
+use salient_kernels::laplacian::{Area, laplacian};
+use salient_kernels::patch_spectrum::{PatchError, PatchOptions, patch_spectrum};
+
+/// The patch glued to its mirror copy: boundary vertices are shared, inner ones copied.
+fn doubled((points, faces): &Mesh, on_boundary: &[bool]) -> Mesh {
+    let mut all = points.clone();
+    let mirror: Vec<u32> = (0..points.len())
+        .map(|i| {
+            if on_boundary[i] {
+                return i as u32;
+            }
+            all.push(points[i]);
+            all.len() as u32 - 1
+        })
+        .collect();
+    let copy = faces
+        .iter()
+        .map(|&[a, b, c]| [a, c, b].map(|v: u32| mirror[v as usize]));
+    (all, faces.iter().copied().chain(copy).collect())
+}
+
+fn grid_boundary(p: usize, q: usize) -> Vec<bool> {
+    (0..=q)
+        .flat_map(|j| (0..=p).map(move |i| i == 0 || i == p || j == 0 || j == q))
+        .collect()
+}
+
+#[test]
+fn the_union_is_the_spectrum_of_the_doubled_mesh() {
+    for (p, q, count) in [(9, 7, 21), (14, 11, 40), (24, 18, 21)] {
+        let patch = rough_patch(p, q);
+        let double = doubled(&patch, &grid_boundary(p, q));
+        for area in [Area::Mixed, Area::Barycentric] {
+            let operator = laplacian(&double.0, &double.1, area, false).expect("a closed mesh");
+            let options = Options {
+                dense_limit: 2000,
+                ..Options::default()
+            };
+            let explicit = eigenpairs(&operator, count + 1, &options, &()).expect("small");
+            for dense_limit in [0, 2000] {
+                let options = PatchOptions {
+                    area,
+                    dense_limit,
+                    ..PatchOptions::default()
+                };
+                let spectrum =
+                    patch_spectrum(&patch.0, &patch.1, count, &options, &()).expect("a patch");
+                assert_close(&spectrum.values, &explicit.values[1..], 2e-12);
+                assert!(spectrum.doubled);
+                assert_close(
+                    &[spectrum.closed_area, 2.0 * spectrum.patch_area],
+                    &[operator.area(); 2],
+                    1e-13,
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn all_values_of_a_small_patch() {
+    let patch = rough_patch(4, 3);
+    let double = doubled(&patch, &grid_boundary(4, 3));
+    let operator = laplacian(&double.0, &double.1, Area::Mixed, false).expect("a closed mesh");
+    let explicit = eigenpairs(&operator, 26, &Options::default(), &()).expect("20 + 6 vertices");
+    let spectrum =
+        patch_spectrum(&patch.0, &patch.1, 25, &PatchOptions::default(), &()).expect("25 values");
+    assert_close(&spectrum.values, &explicit.values[1..], 1e-12);
+    let too_many = patch_spectrum(&patch.0, &patch.1, 26, &PatchOptions::default(), &());
+    assert_eq!(
+        too_many,
+        Err(PatchError::TooFew {
+            wanted: 26,
+            available: 25
+        })
+    );
+}
+
+#[test]
+fn rectangles_are_exact() {
+    let (p, q) = (30, 21);
+    let (points, faces) = tensor_grid(&uniform(p, 3.0), &uniform(q, 2.0), |_, _| 0.0);
+    let (hx, hy) = (3.0 / p as f64, 2.0 / q as f64);
+    let mut expected = rectangle_values(p, q, hx, hy, false);
+    expected.extend(rectangle_values(p, q, hx, hy, true));
+    expected.sort_by(f64::total_cmp);
+    for (dense_limit, intrinsic_delaunay) in [(0, false), (0, true), (1000, false)] {
+        let options = PatchOptions {
+            dense_limit,
+            intrinsic_delaunay,
+            ..PatchOptions::default()
+        };
+        let spectrum = patch_spectrum(&points, &faces, 60, &options, &()).expect("a patch");
+        assert_close(&spectrum.values, &expected[1..61], 1e-11);
+        assert_close(
+            &[spectrum.patch_area, spectrum.closed_area],
+            &[6.0, 12.0],
+            1e-13,
+        );
+    }
+}
+
+#[test]
+fn a_closed_patch_is_its_own_double() {
+    let (points, faces) = icosphere(2);
+    let operator = laplacian(&points, &faces, Area::Mixed, false).expect("a sphere");
+    let whole = eigenpairs(&operator, 22, &Options::default(), &()).expect("162 vertices");
+    let spectrum =
+        patch_spectrum(&points, &faces, 21, &PatchOptions::default(), &()).expect("a sphere");
+    assert!(!spectrum.doubled);
+    assert_close(&spectrum.values, &whole.values[1..], 1e-11);
+    assert_close(
+        &[spectrum.patch_area, spectrum.closed_area],
+        &[operator.area(); 2],
+        1e-14,
+    );
+}
+
+#[test]
+fn one_triangle_has_two_values() {
+    let points = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let spectrum = patch_spectrum(&points, &[[0, 1, 2]], 2, &PatchOptions::default(), &())
+        .expect("two values");
+    // Legs of weight 1/2, masses 1/4, 1/8, 1/8: the odd vector (0, 1, -1) has 4, the even (1, -1, -1) has 8.
+    assert_close(&spectrum.values, &[4.0, 8.0], 1e-14);
+    let refused = patch_spectrum(&points, &[[0, 1, 2]], 3, &PatchOptions::default(), &());
+    assert_eq!(
+        refused,
+        Err(PatchError::TooFew {
+            wanted: 3,
+            available: 2
+        })
+    );
+}
+
+struct Stop;
+
+impl Hooks for Stop {
+    fn cancelled(&self) -> bool {
+        true
+    }
+}
+
+#[test]
+fn refusals() {
+    let two = union(&rough_patch(3, 3), &rough_patch(4, 3));
+    let refused = |count| patch_spectrum(&two.0, &two.1, count, &PatchOptions::default(), &());
+    assert_eq!(refused(5), Err(PatchError::Disconnected { components: 2 }));
+    assert_eq!(refused(0), Err(PatchError::NoneWanted));
+    let patch = rough_patch(5, 5);
+    let cancelled = patch_spectrum(&patch.0, &patch.1, 5, &PatchOptions::default(), &Stop);
+    assert_eq!(cancelled, Err(PatchError::Eigen(EigenError::Cancelled)));
+}
