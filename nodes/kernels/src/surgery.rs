@@ -1,0 +1,248 @@
+//! A triangle mesh that can be edited: edge collapse, split and flip that keep its topology.
+//!
+//! Shared by decimation and remeshing. Each vertex holds the list of its live faces; lists are short (about six).
+
+use crate::vec3::{dot, norm, normal};
+
+/// The editable connectivity. Removed faces and vertices keep their numbers and are marked.
+pub(crate) struct Surgery {
+    pub(crate) faces: Vec<[u32; 3]>,
+    pub(crate) alive: Vec<bool>,
+    /// Live faces of each vertex; empty for removed vertices.
+    pub(crate) star: Vec<Vec<u32>>,
+}
+
+/// The one or two faces at an edge and the corners opposite to it.
+#[derive(Clone, Copy)]
+pub(crate) struct EdgeSide {
+    pub(crate) face: u32,
+    pub(crate) far: u32,
+}
+
+impl Surgery {
+    /// Faces naming a vertex twice are left out.
+    pub(crate) fn new(vertex_count: usize, faces: &[[u32; 3]]) -> Self {
+        let mut star = vec![Vec::new(); vertex_count];
+        let mut alive = vec![true; faces.len()];
+        for (f, &[a, b, c]) in faces.iter().enumerate() {
+            if a == b || b == c || c == a {
+                alive[f] = false;
+            } else {
+                [a, b, c]
+                    .iter()
+                    .for_each(|&v| star[v as usize].push(f as u32));
+            }
+        }
+        Self {
+            faces: faces.to_vec(),
+            alive,
+            star,
+        }
+    }
+
+    /// The faces at edge `ab`, by ascending number.
+    pub(crate) fn sides(&self, a: u32, b: u32) -> Vec<EdgeSide> {
+        let mut found = Vec::with_capacity(2);
+        for &face in &self.star[a as usize] {
+            let corners = self.faces[face as usize];
+            if corners.contains(&b)
+                && let Some(far) = corners.into_iter().find(|&v| v != a && v != b)
+            {
+                found.push(EdgeSide { face, far });
+            }
+        }
+        found.sort_unstable_by_key(|s| s.face);
+        found
+    }
+
+    /// The neighbours of `v`, ascending, and whether some edge at `v` has one face only.
+    pub(crate) fn ring(&self, v: u32) -> (Vec<u32>, bool) {
+        let star = self.star[v as usize]
+            .iter()
+            .flat_map(|&f| self.faces[f as usize]);
+        let mut ring: Vec<u32> = star.filter(|&w| w != v).collect();
+        ring.sort_unstable();
+        let boundary = ring.chunk_by(|a, b| a == b).any(|run| run.len() == 1);
+        ring.dedup();
+        (ring, boundary)
+    }
+
+    /// The two other corners of a face, in its order after `v`.
+    pub(crate) fn opposite(&self, face: u32, v: u32) -> [u32; 2] {
+        let [a, b, c] = self.faces[face as usize];
+        match v {
+            _ if v == a => [b, c],
+            _ if v == b => [c, a],
+            _ => [a, b],
+        }
+    }
+
+    /// The link condition (Dey et al. 1999): collapsing `ab` keeps the topology, boundary included.
+    pub(crate) fn can_collapse(&self, a: u32, b: u32) -> bool {
+        let sides = self.sides(a, b);
+        if sides.is_empty() || sides.len() > 2 {
+            return false;
+        }
+        let ((ring_a, rim_a), (ring_b, rim_b)) = (self.ring(a), self.ring(b));
+        if rim_a && rim_b && sides.len() == 2 {
+            return false;
+        }
+        let mut far: Vec<u32> = sides.iter().map(|s| s.far).collect();
+        far.sort_unstable();
+        let common: Vec<u32> = ring_a
+            .into_iter()
+            .filter(|v| ring_b.binary_search(v).is_ok())
+            .collect();
+        if common != far {
+            return false;
+        }
+        // No edge may be opposite to both ends: two faces would become one (the last tetrahedron).
+        let rim_of = |v: u32| {
+            let edge = move |&f: &u32| {
+                let [p, q] = self.opposite(f, v);
+                [p.min(q), p.max(q)]
+            };
+            self.star[v as usize].iter().map(edge)
+        };
+        if rim_of(a).any(|edge| rim_of(b).any(|other| other == edge)) {
+            return false;
+        }
+        // A lone boundary triangle, or one hanging by a corner, must not vanish into an edge.
+        sides.len() == 2
+            || sides
+                .iter()
+                .all(|s| self.sides(a, s.far).len() + self.sides(b, s.far).len() > 2)
+    }
+
+    /// Collapses `b` into `a`. The caller has asked [`Self::can_collapse`].
+    pub(crate) fn collapse(&mut self, a: u32, b: u32) {
+        for face in std::mem::take(&mut self.star[b as usize]) {
+            let corners = self.faces[face as usize];
+            if corners.contains(&a) {
+                self.alive[face as usize] = false;
+                for v in corners {
+                    self.star[v as usize].retain(|&f| f != face);
+                }
+            } else {
+                self.faces[face as usize] = corners.map(|v| if v == b { a } else { v });
+                self.star[a as usize].push(face);
+            }
+        }
+        self.star[a as usize].sort_unstable();
+    }
+
+    /// Puts the new vertex `middle` (the next free number) on edge `ab`.
+    pub(crate) fn split(&mut self, a: u32, b: u32) -> u32 {
+        let middle = self.star.len() as u32;
+        self.star.push(Vec::new());
+        for EdgeSide { face, .. } in self.sides(a, b) {
+            let corners = self.faces[face as usize];
+            let added = self.faces.len() as u32;
+            self.faces[face as usize] = corners.map(|v| if v == b { middle } else { v });
+            self.faces
+                .push(corners.map(|v| if v == a { middle } else { v }));
+            self.alive.push(true);
+            self.star[b as usize].retain(|&f| f != face);
+            for v in self.faces[added as usize] {
+                self.star[v as usize].push(added);
+            }
+            self.star[middle as usize].push(face);
+        }
+        middle
+    }
+
+    /// Turns edge `ab` of two consistently oriented faces into the edge between their far corners, if that edge is new.
+    pub(crate) fn flip(&mut self, a: u32, b: u32) -> bool {
+        let [left, right] = self.sides(a, b)[..] else {
+            return false;
+        };
+        let (p, q) = (left.far, right.far);
+        if p == q
+            || !self.sides(p, q).is_empty()
+            || self.star[a as usize].len() < 4
+            || self.star[b as usize].len() < 4
+        {
+            return false;
+        }
+        // `left` keeps a, `right` keeps b; each takes the other's far corner in place of its lost one.
+        let put =
+            |corners: [u32; 3], old: u32, new: u32| corners.map(|v| if v == old { new } else { v });
+        self.faces[left.face as usize] = put(self.faces[left.face as usize], b, q);
+        self.faces[right.face as usize] = put(self.faces[right.face as usize], a, p);
+        self.star[b as usize].retain(|&f| f != left.face);
+        self.star[a as usize].retain(|&f| f != right.face);
+        self.star[q as usize].push(left.face);
+        self.star[p as usize].push(right.face);
+        for v in [p, q] {
+            self.star[v as usize].sort_unstable();
+        }
+        true
+    }
+
+    /// Whether the faces of `v` that do not contain `other` keep their orientation when `v` moves to `to`: the normals turn
+    /// by less than the angle of cosine `least`, and no face becomes flatter than `flattest` (height over longest edge).
+    pub(crate) fn move_keeps_normals(
+        &self,
+        points: &[[f64; 3]],
+        v: u32,
+        other: u32,
+        to: [f64; 3],
+        least: f64,
+        flattest: f64,
+    ) -> bool {
+        self.star[v as usize].iter().all(|&f| {
+            let [p, q] = self.opposite(f, v);
+            if p == other || q == other {
+                return true;
+            }
+            let (p, q) = (points[p as usize], points[q as usize]);
+            let (old, new) = (normal(points[v as usize], p, q), normal(to, p, q));
+            let longest2 = [(to, p), (p, q), (q, to)]
+                .iter()
+                .map(|&(x, y)| crate::vec3::distance2(x, y))
+                .fold(0.0, f64::max);
+            // A face without area before has no direction to keep.
+            let turned = norm(old) > 0.0 && dot(old, new) < least * norm(old) * norm(new);
+            !turned && norm(new) > flattest * longest2
+        })
+    }
+
+    /// The live edges, lower end first, ascending.
+    pub(crate) fn edges(&self) -> Vec<[u32; 2]> {
+        let live = self
+            .faces
+            .iter()
+            .zip(&self.alive)
+            .filter(|(_, alive)| **alive);
+        let mut edges: Vec<[u32; 2]> = live
+            .flat_map(|(&[a, b, c], _)| {
+                [
+                    [a.min(b), a.max(b)],
+                    [b.min(c), b.max(c)],
+                    [c.min(a), c.max(a)],
+                ]
+            })
+            .collect();
+        edges.sort_unstable();
+        edges.dedup();
+        edges
+    }
+
+    /// The live vertices, ascending, and the live faces over their new numbers.
+    pub(crate) fn finish(&self) -> (Vec<u32>, Vec<[u32; 3]>) {
+        let kept: Vec<u32> = (0..self.star.len() as u32)
+            .filter(|&v| !self.star[v as usize].is_empty())
+            .collect();
+        let mut new_of = vec![u32::MAX; self.star.len()];
+        for (new, &old) in kept.iter().enumerate() {
+            new_of[old as usize] = new as u32;
+        }
+        let live = self
+            .faces
+            .iter()
+            .zip(&self.alive)
+            .filter(|(_, alive)| **alive);
+        let faces = live.map(|(f, _)| f.map(|v| new_of[v as usize])).collect();
+        (kept, faces)
+    }
+}
