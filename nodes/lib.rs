@@ -2,5 +2,7 @@
 
 use salient_sdk::AnyNode;
 
+pub mod load;
+
 /// All nodes of this package.
-pub static NODES: &[&dyn AnyNode] = &[];
+pub static NODES: &[&dyn AnyNode] = &[&load::Load];
