@@ -24,8 +24,13 @@ const FORMAT: &str = "glTF";
 
 /// Extensions that a file may require although they are not known: they do not change the surface, or (quantisation)
 /// only the component types of accessors, all of which are read.
-const HARMLESS: [&str; 5] =
-    ["KHR_materials_", "KHR_texture_", "KHR_lights_punctual", "KHR_mesh_quantization", "EXT_texture_"];
+const HARMLESS: [&str; 5] = [
+    "KHR_materials_",
+    "KHR_texture_",
+    "KHR_lights_punctual",
+    "KHR_mesh_quantization",
+    "EXT_texture_",
+];
 
 /// Reads a glTF or GLB file, posed by a clip's name and a time in seconds.
 pub fn read(bytes: &[u8], clip: Option<(&str, f64)>, cx: Context) -> Result<Raw, NodeError> {
@@ -54,7 +59,11 @@ fn parse(bytes: &[u8]) -> Result<(Root, Option<Vec<u8>>), NodeError> {
         let length = bytes.get(8..12).map_or(0, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
         if (length as usize) < 20 || length as usize != bytes.len() {
             let n = bytes.len();
-            return Err(bad(FORMAT, "byte 8", format_args!("the header says {length} bytes, the file has {n}")));
+            return Err(bad(
+                FORMAT,
+                "byte 8",
+                format_args!("the header says {length} bytes, the file has {n}"),
+            ));
         }
     }
     let file = gltf::Gltf::from_slice_without_validation(bytes)
@@ -63,7 +72,8 @@ fn parse(bytes: &[u8]) -> Result<(Root, Option<Vec<u8>>), NodeError> {
     root.extensions_required.retain(|name| !HARMLESS.iter().any(|known| name.starts_with(known)));
     let document = gltf::Document::from_json(root).map_err(|e| match e {
         gltf::Error::Validation(errors) => {
-            let list: Vec<_> = errors.iter().take(3).map(|(path, e)| format!("{path}: {e}")).collect();
+            let list: Vec<_> =
+                errors.iter().take(3).map(|(path, e)| format!("{path}: {e}")).collect();
             bad(FORMAT, "document", list.join("; "))
         }
         other => bad(FORMAT, "document", other),
@@ -120,8 +130,14 @@ impl<'a> Instance<'a> {
         Ok(())
     }
 
-    fn primitive(&self, primitive: &Primitive, place: &str, raw: &mut Raw) -> Result<(), NodeError> {
-        let Checked::Valid(mode @ (Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)) = primitive.mode
+    fn primitive(
+        &self,
+        primitive: &Primitive,
+        place: &str,
+        raw: &mut Raw,
+    ) -> Result<(), NodeError> {
+        let Checked::Valid(mode @ (Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)) =
+            primitive.mode
         else {
             return Ok(());
         };
@@ -137,7 +153,11 @@ impl<'a> Instance<'a> {
         for (v, p) in posed.iter().chain(&positions).enumerate() {
             if p.iter().any(|x| !x.is_finite()) {
                 let v = v % posed.len();
-                return Err(bad(FORMAT, place, format_args!("vertex {v} has a coordinate that is not finite")));
+                return Err(bad(
+                    FORMAT,
+                    place,
+                    format_args!("vertex {v} has a coordinate that is not finite"),
+                ));
             }
         }
         if base + posed.len() >= u32::MAX as usize {
@@ -171,14 +191,23 @@ impl<'a> Instance<'a> {
         index.map(|i| self.buffers.read(self.root, *i, width, place)).transpose()
     }
 
-    fn corners(&self, primitive: &Primitive, vertices: usize, place: &str) -> Result<Vec<u32>, NodeError> {
+    fn corners(
+        &self,
+        primitive: &Primitive,
+        vertices: usize,
+        place: &str,
+    ) -> Result<Vec<u32>, NodeError> {
         let Some(index) = primitive.indices else { return Ok((0..vertices as u32).collect()) };
         let numbers = self.buffers.read(self.root, index, 1, place)?;
         let corner = |(i, x): (usize, &f64)| {
             if *x >= 0.0 && *x < vertices as f64 && x.fract() == 0.0 {
                 return Ok(*x as u32);
             }
-            Err(bad(FORMAT, place, format_args!("index {i} is {x}, but there are {vertices} vertices")))
+            Err(bad(
+                FORMAT,
+                place,
+                format_args!("index {i} is {x}, but there are {vertices} vertices"),
+            ))
         };
         numbers.iter().enumerate().map(corner).collect()
     }
@@ -217,7 +246,11 @@ impl<'a> Instance<'a> {
             let weights = self.attribute(primitive, &Semantic::Weights(set), 4, place)?;
             let (Some(joints), Some(weights)) = (joints, weights) else { break };
             if joints.len() != 4 * positions.len() || weights.len() != joints.len() {
-                return Err(bad(FORMAT, place, format_args!("set {set} of joints and weights does not fit the vertices")));
+                return Err(bad(
+                    FORMAT,
+                    place,
+                    format_args!("set {set} of joints and weights does not fit the vertices"),
+                ));
             }
             sets.push((joints, weights));
         }
@@ -244,7 +277,11 @@ impl<'a> Instance<'a> {
             if total > 0.0 {
                 Ok(sum.map(|x| x / total))
             } else {
-                Err(bad(FORMAT, place, format_args!("vertex {v} is skinned, but no joint has weight on it")))
+                Err(bad(
+                    FORMAT,
+                    place,
+                    format_args!("vertex {v} is skinned, but no joint has weight on it"),
+                ))
             }
         };
         positions.iter().enumerate().map(pose).collect()
@@ -273,7 +310,9 @@ fn get<'a, T>(root: &'a Root, index: Index<T>, what: &str) -> Result<&'a T, Node
 where
     Root: gltf::json::root::Get<T>,
 {
-    root.get(index).ok_or_else(|| bad(FORMAT, "document", format_args!("{what} {} is not there", index.value())))
+    root.get(index).ok_or_else(|| {
+        bad(FORMAT, "document", format_args!("{what} {} is not there", index.value()))
+    })
 }
 
 /// Names with their places, for a message.

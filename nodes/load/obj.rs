@@ -118,12 +118,16 @@ impl Checked {
             let number = parts.next().unwrap_or_default();
             let index: isize =
                 number.parse().map_err(|_| format!("`{word}` is not a corner of a face"))?;
-            if parts.clone().count() > 2 || parts.any(|p| !p.is_empty() && p.parse::<isize>().is_err()) {
+            if parts.clone().count() > 2
+                || parts.any(|p| !p.is_empty() && p.parse::<isize>().is_err())
+            {
                 return Err(format!("`{word}` is not a corner of a face"));
             }
             if index == 0 || index < 0 && index.unsigned_abs() > self.vertices {
                 let seen = self.vertices;
-                return Err(format!("the face names vertex {index}; {seen} came before, counted from 1"));
+                return Err(format!(
+                    "the face names vertex {index}; {seen} came before, counted from 1"
+                ));
             }
             largest = largest.max(index);
         }

@@ -98,7 +98,11 @@ pub fn read(bytes: &[u8]) -> Result<Raw, NodeError> {
     for (i, (face, place)) in faces.into_iter().enumerate() {
         if let Some(index) = face.iter().find(|v| **v as usize >= vertices.len()) {
             let n = vertices.len();
-            return Err(bad(FORMAT, place, format_args!("face {i} names vertex {index}, but there are {n}, counted from 0")));
+            return Err(bad(
+                FORMAT,
+                place,
+                format_args!("face {i} names vertex {index}, but there are {n}, counted from 0"),
+            ));
         }
         polygons.push(face);
     }
@@ -110,14 +114,22 @@ fn point(element: &Element, i: usize, place: &Place) -> Result<[f64; 3], NodeErr
         return Err(bad(FORMAT, place, format_args!("vertex {i} lacks x, y or z")));
     };
     if [x, y, z].iter().any(|x| !x.is_finite()) {
-        return Err(bad(FORMAT, place, format_args!("vertex {i} has a coordinate that is not finite")));
+        return Err(bad(
+            FORMAT,
+            place,
+            format_args!("vertex {i} has a coordinate that is not finite"),
+        ));
     }
     Ok([x, y, z])
 }
 
 fn corners(element: Element, i: usize, place: &Place) -> Result<Vec<u32>, NodeError> {
     match element.corners {
-        None => Err(bad(FORMAT, place, format_args!("face {i} has no list of vertex indices, or one below zero"))),
+        None => Err(bad(
+            FORMAT,
+            place,
+            format_args!("face {i} has no list of vertex indices, or one below zero"),
+        )),
         Some(few) if few.len() < 3 => {
             Err(bad(FORMAT, place, format_args!("face {i} has {} corners", few.len())))
         }
@@ -143,9 +155,14 @@ fn check_header(header: &Header, bytes: &[u8], start: usize) -> Result<(), NodeE
         }
         // The last line of a text file needs no newline.
         if needed > left + usize::from(header.encoding == Encoding::Ascii) {
-            return Err(bad(FORMAT, "header", format_args!(
-                "the header counts {} of element `{name}`, at least {needed} bytes, but {left} are left", element.count
-            )));
+            return Err(bad(
+                FORMAT,
+                "header",
+                format_args!(
+                    "the header counts {} of element `{name}`, at least {needed} bytes, but {left} are left",
+                    element.count
+                ),
+            ));
         }
         left = left.saturating_sub(needed);
     }
@@ -191,17 +208,28 @@ struct Body<'a> {
 }
 
 impl Body<'_> {
-    fn element(&mut self, name: &str, i: usize, definition: &ElementDef) -> Result<(Element, Place), NodeError> {
+    fn element(
+        &mut self,
+        name: &str,
+        i: usize,
+        definition: &ElementDef,
+    ) -> Result<(Element, Place), NodeError> {
         let parser = Parser::<Element>::new();
         let byte = Place::Byte(self.cursor.position());
         let failed = |place: &Place, e: &dyn std::fmt::Display| {
-            bad(FORMAT, place, format_args!("{name} {i} of {}: {}", definition.count, one_line(&e.to_string())))
+            bad(
+                FORMAT,
+                place,
+                format_args!("{name} {i} of {}: {}", definition.count, one_line(&e.to_string())),
+            )
         };
         let read = match self.encoding {
             Encoding::Ascii => {
                 let text = self.text().map_err(|e| failed(&Place::Line(self.line), &e))?;
                 let place = Place::Line(self.line);
-                let Some(text) = text else { return Err(failed(&place, &"the file ends before it")) };
+                let Some(text) = text else {
+                    return Err(failed(&place, &"the file ends before it"));
+                };
                 let element =
                     parser.read_ascii_element(&text, definition).map_err(|e| failed(&place, &e))?;
                 let given = text.split_whitespace().count();
@@ -211,8 +239,12 @@ impl Body<'_> {
                 }
                 return Ok((element, place));
             }
-            Encoding::BinaryLittleEndian => parser.read_little_endian_element(&mut self.cursor, definition),
-            Encoding::BinaryBigEndian => parser.read_big_endian_element(&mut self.cursor, definition),
+            Encoding::BinaryLittleEndian => {
+                parser.read_little_endian_element(&mut self.cursor, definition)
+            }
+            Encoding::BinaryBigEndian => {
+                parser.read_big_endian_element(&mut self.cursor, definition)
+            }
         };
         Ok((read.map_err(|e| failed(&byte, &e))?, byte))
     }
@@ -236,7 +268,9 @@ impl Body<'_> {
         let at = self.cursor.position() as usize;
         let rest = self.cursor.get_ref().get(at..).unwrap_or_default();
         match rest.iter().position(|b| !b.is_ascii_whitespace()) {
-            Some(i) => Err(bad(FORMAT, Place::Byte((at + i) as u64), "more data than the header counts")),
+            Some(i) => {
+                Err(bad(FORMAT, Place::Byte((at + i) as u64), "more data than the header counts"))
+            }
             None => Ok(()),
         }
     }

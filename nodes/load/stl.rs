@@ -31,7 +31,10 @@ pub fn read(bytes: &[u8]) -> Result<Raw, NodeError> {
     Err(bad(
         FORMAT,
         "byte 80",
-        format_args!("the header counts {count} facets ({promised} bytes), but the file has {} bytes, room for {there}", bytes.len()),
+        format_args!(
+            "the header counts {count} facets ({promised} bytes), but the file has {} bytes, room for {there}",
+            bytes.len()
+        ),
     ))
 }
 
@@ -108,7 +111,11 @@ impl Text {
 
     fn read(&self) -> Result<Raw, NodeError> {
         if !self.ended {
-            return Err(bad(FORMAT, format_args!("line {}", self.lines), "the file ends before `endsolid`"));
+            return Err(bad(
+                FORMAT,
+                format_args!("line {}", self.lines),
+                "the file ends before `endsolid`",
+            ));
         }
         let place = |facet: usize| {
             let line = self.facets.get(facet).or(self.facets.last()).unwrap_or(&1);

@@ -26,15 +26,20 @@ pub fn apply(
     for (i, sampler) in clip.samplers.iter().enumerate() {
         let place = format!("animation {index}, sampler {i}");
         let times = buffers.read(root, sampler.input, 1, &place)?;
-        if times.is_empty() || !times.is_sorted_by(|a, b| a < b) || !times.iter().all(|t| t.is_finite()) {
+        if times.is_empty()
+            || !times.is_sorted_by(|a, b| a < b)
+            || !times.iter().all(|t| t.is_finite())
+        {
             return Err(bad(FORMAT, place, "key times do not increase"));
         }
         samplers.push(times);
     }
     let end = samplers.iter().filter_map(|t| t.last()).fold(0.0, |a: f64, b| a.max(*b));
     if !(0.0..=end + SLACK).contains(&time) {
-        return Err(NodeError::new(format!("{FORMAT}: time {time} s is outside the clip `{name}`"))
-            .help(format!("the clip runs from 0 to {end} s")));
+        return Err(NodeError::new(format!(
+            "{FORMAT}: time {time} s is outside the clip `{name}`"
+        ))
+        .help(format!("the clip runs from 0 to {end} s")));
     }
     for (i, channel) in clip.channels.iter().enumerate() {
         let place = format!("animation {index}, channel {i}");
@@ -48,11 +53,17 @@ pub fn apply(
 
 fn find<'a>(root: &'a Root, name: &str) -> Result<(usize, &'a Animation), NodeError> {
     let names = root.animations.iter().enumerate();
-    let names = names.map(|(i, a)| (i, a.name.clone().unwrap_or_else(|| format!("Anim_{i}")))).collect();
-    let found: Vec<_> = root.animations.iter().enumerate().filter(|(i, _)| {
-        let names: &std::collections::BTreeMap<usize, String> = &names;
-        names.get(i).is_some_and(|n| n == name)
-    }).collect();
+    let names =
+        names.map(|(i, a)| (i, a.name.clone().unwrap_or_else(|| format!("Anim_{i}")))).collect();
+    let found: Vec<_> = root
+        .animations
+        .iter()
+        .enumerate()
+        .filter(|(i, _)| {
+            let names: &std::collections::BTreeMap<usize, String> = &names;
+            names.get(i).is_some_and(|n| n == name)
+        })
+        .collect();
     match found[..] {
         [one] => Ok(one),
         [] => Err(NodeError::new(format!("{FORMAT}: no clip is called `{name}`"))
@@ -81,7 +92,11 @@ fn move_node(
     let Checked::Valid(path) = target.path else {
         return Err(at("moves a property that is not known".into()));
     };
-    let mesh = root.nodes.get(node).ok_or_else(|| at(format!("moves node {node}, which is not there")))?.mesh;
+    let mesh = root
+        .nodes
+        .get(node)
+        .ok_or_else(|| at(format!("moves node {node}, which is not there")))?
+        .mesh;
     // Morph weights are stored as scalars, one run for all targets to a key.
     let (stored, width) = match path {
         Property::Translation | Property::Scale => (3, 3),
@@ -102,7 +117,8 @@ fn move_node(
         let (n, keys) = (values.len(), keyed.times.len());
         return Err(at(format!("{n} numbers for {keys} keys of {width}")));
     }
-    let value = sample(interpolation, keyed.times, &values, width, path == Property::Rotation, time);
+    let value =
+        sample(interpolation, keyed.times, &values, width, path == Property::Rotation, time);
     let local = &mut scene.locals[node];
     if local.matrix.is_some() && path != Property::MorphTargetWeights {
         return Err(at(format!("moves node {node}, whose transform is a matrix")));
@@ -110,7 +126,9 @@ fn move_node(
     match (path, &value[..]) {
         (Property::Translation, &[x, y, z]) => local.translation = [x, y, z],
         (Property::Scale, &[x, y, z]) => local.scale = [x, y, z],
-        (Property::Rotation, &[x, y, z, w]) if value.iter().any(|c| *c != 0.0) => local.rotation = [x, y, z, w],
+        (Property::Rotation, &[x, y, z, w]) if value.iter().any(|c| *c != 0.0) => {
+            local.rotation = [x, y, z, w]
+        }
         (Property::MorphTargetWeights, _) => local.morph = Some(value),
         _ => return Err(at("the rotation is the zero quaternion".into())),
     }

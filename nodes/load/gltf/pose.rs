@@ -89,7 +89,11 @@ impl Scene {
         for (i, local) in locals.iter().enumerate() {
             let zero = local.rotation.iter().all(|x| *x == 0.0);
             if zero && local.matrix.is_none() {
-                return Err(bad(FORMAT, format_args!("node {i}"), "the rotation is the zero quaternion"));
+                return Err(bad(
+                    FORMAT,
+                    format_args!("node {i}"),
+                    "the rotation is the zero quaternion",
+                ));
             }
         }
         Ok(Self { globals: vec![Matrix::IDENTITY; locals.len()], locals })
@@ -102,7 +106,11 @@ impl Scene {
         for (i, node) in root.nodes.iter().enumerate() {
             for c in node.children.iter().flatten().map(|c| c.value()) {
                 if c >= n || std::mem::replace(&mut child[c], true) {
-                    return Err(bad(FORMAT, format_args!("node {i}"), format_args!("child {c} has two parents or is not there")));
+                    return Err(bad(
+                        FORMAT,
+                        format_args!("node {i}"),
+                        format_args!("child {c} has two parents or is not there"),
+                    ));
                 }
             }
         }
@@ -160,7 +168,12 @@ impl Scene {
     }
 
     /// The matrices of a skin's joints: global transform times inverse bind matrix.
-    pub fn joints(&self, root: &Root, buffers: &Buffers, skin: usize) -> Result<Vec<Matrix>, NodeError> {
+    pub fn joints(
+        &self,
+        root: &Root,
+        buffers: &Buffers,
+        skin: usize,
+    ) -> Result<Vec<Matrix>, NodeError> {
         let place = format!("skin {skin}");
         let json = root.skins.get(skin).ok_or_else(|| bad(FORMAT, &place, "is not there"))?;
         let inverse = match json.inverse_bind_matrices {
@@ -170,7 +183,11 @@ impl Scene {
         let inverse = inverse.as_chunks::<16>().0;
         if json.inverse_bind_matrices.is_some() && inverse.len() < json.joints.len() {
             let (m, n) = (inverse.len(), json.joints.len());
-            return Err(bad(FORMAT, place, format_args!("{m} inverse bind matrices for {n} joints")));
+            return Err(bad(
+                FORMAT,
+                place,
+                format_args!("{m} inverse bind matrices for {n} joints"),
+            ));
         }
         let matrix = |(j, joint): (usize, &gltf::json::Index<gltf::json::Node>)| {
             let global = self.globals[joint.value()];
