@@ -70,6 +70,20 @@ fn parse(bytes: &[u8]) -> Result<(Root, Option<Vec<u8>>), NodeError> {
         .map_err(|e| bad(FORMAT, "document", format_args!("cannot be parsed: {e}")))?;
     let mut root = file.document.into_json();
     root.extensions_required.retain(|name| !HARMLESS.iter().any(|known| name.starts_with(known)));
+    // The crate's own validation panics on these.
+    for (m, mesh) in root.meshes.iter().enumerate() {
+        for (p, primitive) in mesh.primitives.iter().enumerate() {
+            let missing = primitive.attributes.values().find(|a| a.value() >= root.accessors.len());
+            if let Some(index) = missing {
+                let place = format!("mesh {m}, primitive {p}");
+                return Err(bad(
+                    FORMAT,
+                    place,
+                    format_args!("names accessor {}, which is not there", index.value()),
+                ));
+            }
+        }
+    }
     let document = gltf::Document::from_json(root).map_err(|e| match e {
         gltf::Error::Validation(errors) => {
             let list: Vec<_> =

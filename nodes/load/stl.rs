@@ -18,7 +18,7 @@ const FACET: usize = 50;
 pub fn read(bytes: &[u8]) -> Result<Raw, NodeError> {
     let counted = bytes.get(80..HEADER).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
     let promised = counted.map_or(0, |n| HEADER + FACET * n as usize);
-    if promised == bytes.len() {
+    if counted.is_some() && promised == bytes.len() {
         return binary(bytes);
     }
     if let Some(text) = Text::of(bytes) {
