@@ -91,7 +91,7 @@ impl Node for Load {
         errors
     }
 
-    fn run(params: &Params, _: (), cx: Context) -> Result<Mesh, NodeError> {
+    fn run(params: &Params, (): (), cx: Context) -> Result<Mesh, NodeError> {
         if let Some((param, message)) = Self::check(params).into_iter().next() {
             return Err(NodeError::new(format!("{param}: {message}")));
         }

@@ -4,8 +4,6 @@
 //! on accessors of an unexpected type. Source: Khronos Group, glTF 2.0 specification, sections 3.6-3.7 (buffers,
 //! geometry, skins) and 3.11 with appendix C (animations).
 
-use std::collections::BTreeMap;
-
 use gltf::json::mesh::{Mode, Primitive, Semantic};
 use gltf::json::scene::Node;
 use gltf::json::validation::Checked;
@@ -45,7 +43,7 @@ pub fn read(bytes: &[u8], clip: Option<(&str, f64)>, cx: Context) -> Result<Raw,
     }
     scene.place(&root)?;
     let mut raw = Raw { bind: Some(Vec::new()), ..Raw::default() };
-    for node in scene.drawn(&root)? {
+    for node in Scene::drawn(&root)? {
         cx.check()?;
         let instance = Instance::new(&root, &buffers, &scene, &rest, node)?;
         instance.add(&mut raw)?;
@@ -327,10 +325,4 @@ where
     root.get(index).ok_or_else(|| {
         bad(FORMAT, "document", format_args!("{what} {} is not there", index.value()))
     })
-}
-
-/// Names with their places, for a message.
-fn listed(names: &BTreeMap<usize, String>) -> String {
-    let quoted: Vec<_> = names.values().map(|n| format!("`{n}`")).collect();
-    if quoted.is_empty() { "none".into() } else { quoted.join(", ") }
 }

@@ -15,7 +15,7 @@ const FORMAT: &str = "OBJ";
 
 /// Reads an OBJ file.
 pub fn read(bytes: &[u8]) -> Result<Raw, NodeError> {
-    let Checked { mut body, vertices, .. } = check(bytes)?;
+    let Checked { body, vertices, .. } = check(bytes)?;
     let mut text = String::with_capacity(body.len() + 8 * vertices);
     text.push('f');
     for i in 1..=vertices {
@@ -24,7 +24,7 @@ pub fn read(bytes: &[u8]) -> Result<Raw, NodeError> {
     }
     text.push('\n');
     text.push_str(&body);
-    body.clear();
+    drop(body);
     let options = tobj::LoadOptions::default();
     let no_material = |_: &std::path::Path| Err(tobj::LoadError::OpenFileFailed);
     let (models, _) = tobj::load_obj_buf(&mut text.as_bytes(), &options, no_material)

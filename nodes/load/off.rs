@@ -10,9 +10,11 @@ use super::raw::{Polygons, Raw, bad};
 
 const FORMAT: &str = "OFF";
 
+type Rest<'a> = std::iter::Enumerate<std::slice::Split<'a, u8, fn(&u8) -> bool>>;
+
 /// Lines with something on them.
 struct Lines<'a> {
-    rest: std::iter::Enumerate<std::slice::Split<'a, u8, fn(&u8) -> bool>>,
+    rest: Rest<'a>,
     /// Number of the last line, from 1.
     at: usize,
 }
@@ -77,7 +79,7 @@ pub fn read(bytes: &[u8]) -> Result<Raw, NodeError> {
     polygons.into_raw(FORMAT, vertices)
 }
 
-/// How many numbers may follow a vertex's coordinates, and what is glued to the keyword (as in ModelNet40).
+/// How many numbers may follow a vertex's coordinates, and what is glued to the keyword (as in `ModelNet40`).
 fn keyword<'a>(lines: &Lines, word: &'a str) -> Result<(Vec<usize>, &'a str), NodeError> {
     let Some((prefix, after)) = word.split_once("OFF") else {
         return Err(lines.bad("does not begin with OFF"));

@@ -81,7 +81,7 @@ pub fn read(bytes: &[u8]) -> Result<Raw, NodeError> {
     check_header(&header, bytes, start)?;
     let mut body = Body { cursor: Cursor::new(bytes), encoding: header.encoding, line: 0 };
     body.cursor.set_position(start as u64);
-    body.line = bytes[..start].iter().filter(|b| **b == b'\n').count();
+    body.line = bytes[..start].split(|b| *b == b'\n').count() - 1;
     let (mut vertices, mut faces) = (Vec::new(), Vec::new());
     for (name, definition) in &header.elements {
         for i in 0..definition.count {

@@ -7,7 +7,7 @@ use salient_sdk::NodeError;
 
 use super::accessor::Buffers;
 use super::pose::Scene;
-use super::{FORMAT, bad, listed};
+use super::{FORMAT, bad};
 
 /// How far past a clip's last key a time may be, in seconds: files round their key times.
 const SLACK: f64 = 1e-3;
@@ -51,23 +51,20 @@ pub fn apply(
     Ok(())
 }
 
+/// The clip of a name; clips without one are called by their index.
 fn find<'a>(root: &'a Root, name: &str) -> Result<(usize, &'a Animation), NodeError> {
-    let names = root.animations.iter().enumerate();
-    let names =
-        names.map(|(i, a)| (i, a.name.clone().unwrap_or_else(|| format!("Anim_{i}")))).collect();
-    let found: Vec<_> = root
-        .animations
-        .iter()
-        .enumerate()
-        .filter(|(i, _)| {
-            let names: &std::collections::BTreeMap<usize, String> = &names;
-            names.get(i).is_some_and(|n| n == name)
-        })
-        .collect();
+    let called =
+        |i: usize, clip: &Animation| clip.name.clone().unwrap_or_else(|| format!("Anim_{i}"));
+    let clips = || root.animations.iter().enumerate();
+    let found: Vec<_> = clips().filter(|(i, clip)| called(*i, clip) == name).collect();
     match found[..] {
         [one] => Ok(one),
-        [] => Err(NodeError::new(format!("{FORMAT}: no clip is called `{name}`"))
-            .help(format!("clips of the file: {}", listed(&names)))),
+        [] => {
+            let all: Vec<_> = clips().map(|(i, clip)| format!("`{}`", called(i, clip))).collect();
+            let all = if all.is_empty() { "none".into() } else { all.join(", ") };
+            Err(NodeError::new(format!("{FORMAT}: no clip is called `{name}`"))
+                .help(format!("clips of the file: {all}")))
+        }
         _ => Err(NodeError::new(format!("{FORMAT}: {} clips are called `{name}`", found.len()))),
     }
 }
@@ -127,7 +124,7 @@ fn move_node(
         (Property::Translation, &[x, y, z]) => local.translation = [x, y, z],
         (Property::Scale, &[x, y, z]) => local.scale = [x, y, z],
         (Property::Rotation, &[x, y, z, w]) if value.iter().any(|c| *c != 0.0) => {
-            local.rotation = [x, y, z, w]
+            local.rotation = [x, y, z, w];
         }
         (Property::MorphTargetWeights, _) => local.morph = Some(value),
         _ => return Err(at("the rotation is the zero quaternion".into())),

@@ -1,6 +1,6 @@
 //! The node hierarchy: local transforms, global matrices, joint matrices.
 
-use gltf::json::Root;
+use gltf::json::{Index, Root};
 use salient_sdk::NodeError;
 
 use super::accessor::Buffers;
@@ -104,7 +104,7 @@ impl Scene {
         let n = root.nodes.len();
         let mut child = vec![false; n];
         for (i, node) in root.nodes.iter().enumerate() {
-            for c in node.children.iter().flatten().map(|c| c.value()) {
+            for c in node.children.iter().flatten().map(Index::value) {
                 if c >= n || std::mem::replace(&mut child[c], true) {
                     return Err(bad(
                         FORMAT,
@@ -144,7 +144,7 @@ impl Scene {
 
     /// The nodes with meshes of the default scene, depth first: of the first scene if none is the default, of all nodes
     /// if there are no scenes.
-    pub fn drawn(&self, root: &Root) -> Result<Vec<usize>, NodeError> {
+    pub fn drawn(root: &Root) -> Result<Vec<usize>, NodeError> {
         let n = root.nodes.len();
         let scene = match root.scene {
             Some(index) => Some(get(root, index, "scene")?),
@@ -153,7 +153,7 @@ impl Scene {
         let Some(scene) = scene else {
             return Ok((0..n).filter(|i| root.nodes[*i].mesh.is_some()).collect());
         };
-        let mut stack: Vec<usize> = scene.nodes.iter().rev().map(|i| i.value()).collect();
+        let mut stack: Vec<usize> = scene.nodes.iter().rev().map(Index::value).collect();
         let (mut seen, mut drawn) = (vec![false; n], Vec::new());
         while let Some(i) = stack.pop() {
             if std::mem::replace(&mut seen[i], true) {
@@ -162,7 +162,7 @@ impl Scene {
             if root.nodes[i].mesh.is_some() {
                 drawn.push(i);
             }
-            stack.extend(root.nodes[i].children.iter().flatten().rev().map(|c| c.value()));
+            stack.extend(root.nodes[i].children.iter().flatten().rev().map(Index::value));
         }
         Ok(drawn)
     }
@@ -189,7 +189,7 @@ impl Scene {
                 format_args!("{m} inverse bind matrices for {n} joints"),
             ));
         }
-        let matrix = |(j, joint): (usize, &gltf::json::Index<gltf::json::Node>)| {
+        let matrix = |(j, joint): (usize, &Index<gltf::json::Node>)| {
             let global = self.globals[joint.value()];
             inverse.get(j).map_or(global, |m| global.times(&Matrix::from_columns(m)))
         };

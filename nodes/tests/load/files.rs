@@ -42,26 +42,22 @@ pub fn ply_binary(big: bool) -> Vec<u8> {
     let mut out = ply_header(name).into_bytes();
     let bytes = |x: u32| if big { x.to_be_bytes() } else { x.to_le_bytes() };
     for point in POINTS {
-        point.iter().for_each(|x| out.extend(bytes(x.to_bits())));
+        out.extend(point.iter().flat_map(|x| bytes(x.to_bits())));
         out.push(255);
     }
     for face in FACES {
         out.push(3);
-        face.iter().for_each(|v| out.extend(bytes(*v)));
+        out.extend(face.iter().flat_map(|v| bytes(*v)));
     }
     out
 }
 
 pub fn stl_text() -> Vec<u8> {
-    let mut out = "solid\n".to_owned();
-    for face in FACES {
-        let corners = face.map(|v| POINTS[v as usize]);
-        out += &format!(
-            "facet normal 0 0 nan\n outer loop\n{} endloop\nendfacet\n",
-            lines(&corners, "  vertex ")
-        );
-    }
-    (out + "endsolid\n").into_bytes()
+    let facet = |face: [u32; 3]| {
+        let corners = lines(&face.map(|v| POINTS[v as usize]), "  vertex ");
+        format!("facet normal 0 0 nan\n outer loop\n{corners} endloop\nendfacet\n")
+    };
+    format!("solid\n{}endsolid\n", FACES.map(facet).concat()).into_bytes()
 }
 
 pub fn stl_binary(header: &[u8]) -> Vec<u8> {
@@ -86,7 +82,7 @@ pub struct Builder {
 
 impl Builder {
     fn view(&mut self, bytes: &[u8]) -> usize {
-        while self.bytes.len() % 4 != 0 {
+        while !self.bytes.len().is_multiple_of(4) {
             self.bytes.push(0);
         }
         self.views
@@ -102,7 +98,7 @@ impl Builder {
 
     pub fn floats(&mut self, kind: &str, rows: &[impl AsRef<[f32]>]) -> usize {
         let bytes: Vec<u8> =
-            rows.iter().flat_map(|r| r.as_ref()).flat_map(|x| x.to_le_bytes()).collect();
+            rows.iter().flat_map(AsRef::as_ref).flat_map(|x| x.to_le_bytes()).collect();
         let view = self.view(&bytes);
         let width = rows[0].as_ref().len();
         let extreme = |pick: fn(f32, f32) -> f32| -> Vec<f32> {

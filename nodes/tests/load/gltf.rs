@@ -41,7 +41,9 @@ pub fn bar() -> Vec<u8> {
         b.floats("VEC4", &[[0f32; 4], [0.0; 4], [0.0; 4], [0.0; 4], [0.2, 0.0, 0.0, 0.0]]);
     let mut inverse = [[0f32; 16]; 2];
     for matrix in &mut inverse {
-        [0, 5, 10, 15].iter().for_each(|i| matrix[*i] = 1.0);
+        for i in [0, 5, 10, 15] {
+            matrix[i] = 1.0;
+        }
     }
     inverse[1][13] = -1.0;
     let inverse = b.floats("MAT4", &inverse);
@@ -199,7 +201,7 @@ fn split_seams_are_closed_in_the_bind_pose_and_stay_closed() {
         &corners.iter().map(|v| [u8::from(*v == 3), 0, 0, 0]).collect::<Vec<_>>(),
         false,
     );
-    let weights = b.floats("VEC4", &vec![[1f32, 0.0, 0.0, 0.0]; 12]);
+    let weights = b.floats("VEC4", &[[1f32, 0.0, 0.0, 0.0]; 12]);
     let times = b.floats("SCALAR", &[[0f32], [1.0]]);
     let moves = b.floats("VEC3", &[[0f32; 3], [0.1, 0.2, 0.3]]);
     let file = b.gltf(json!({

@@ -1,4 +1,10 @@
 //! The `load` node: formats, refusals, repairs, glTF poses, mutations, real files.
+#![allow(
+    clippy::unwrap_used,
+    clippy::format_collect,
+    clippy::needless_pass_by_value,
+    reason = "helpers of tests outside test functions; short texts; `json!` values"
+)]
 
 mod files;
 mod formats;

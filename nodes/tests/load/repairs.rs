@@ -20,16 +20,15 @@ fn found(mesh: &Mesh) -> Vec<(DefectKind, usize, Vec<u32>, bool)> {
 fn a_messy_file_loads_as_it_is_and_says_so() {
     let mesh = messy(&[]);
     assert_eq!((mesh.vertices.len(), mesh.faces.len(), &mesh.source), (8, 6, &None));
-    use DefectKind as K;
     assert_eq!(
         found(&mesh),
         [
-            (K::NonManifoldEdge, 1, vec![1, 2], false),
-            (K::ZeroAreaFace, 1, vec![5], false),
-            (K::DuplicateVertex, 1, vec![5], false),
-            (K::UnreferencedVertex, 1, vec![0], false),
-            (K::BoundaryEdge, 3, vec![5, 6, 5, 7, 6, 7], false),
-            (K::SeveralComponents, 1, vec![5], false),
+            (DefectKind::NonManifoldEdge, 1, vec![1, 2], false),
+            (DefectKind::ZeroAreaFace, 1, vec![5], false),
+            (DefectKind::DuplicateVertex, 1, vec![5], false),
+            (DefectKind::UnreferencedVertex, 1, vec![0], false),
+            (DefectKind::BoundaryEdge, 3, vec![5, 6, 5, 7, 6, 7], false),
+            (DefectKind::SeveralComponents, 1, vec![5], false),
         ]
     );
 }
