@@ -69,7 +69,8 @@ impl Node for Load {
         Non-manifold edges and vertices, inconsistent orientation, zero-area faces, duplicate and unreferenced \
         vertices, boundaries and further components are reported with the mesh, and mended only by params; after \
         welding or dropping, `source` holds each vertex's index in the file (STL: three for each facet; glTF: \
-        primitives one after the other, in order of the scene).";
+        primitives one after the other, in order of the scene). Places of repaired defects are numbered as in the file, \
+        others as in the mesh.";
     const EXAMPLE: &'static str = "\"mesh\": load(path: \"mesh.obj\")";
 
     type Params = Params;

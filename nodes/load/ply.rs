@@ -146,6 +146,10 @@ fn check_header(header: &Header, bytes: &[u8], start: usize) -> Result<(), NodeE
     if says(b"element ") != header.elements.len() || says(b"property ") != properties {
         return Err(bad(FORMAT, "header", "an element or property is given twice"));
     }
+    let has = |name: &str| header.elements.iter().any(|(n, _)| n == name);
+    if has("tristrips") && !has("face") {
+        return Err(bad(FORMAT, "header", "the faces are triangle strips, which are not read"));
+    }
     let mut left = bytes.len() - start;
     for (name, element) in &header.elements {
         let each = smallest(element, header.encoding);

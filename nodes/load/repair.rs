@@ -100,7 +100,7 @@ impl Work {
         Ok(())
     }
 
-    /// Applies a repair if the census finds something to repair.
+    /// Applies a repair if the census finds something to repair; its places are given as numbered in the file.
     fn apply(
         &mut self,
         repair: Repair,
@@ -114,7 +114,10 @@ impl Work {
         }
         let done = repair(&mesh.vertices, &mesh.faces).map_err(failed)?;
         let count = wrong.len();
-        let first = wrong.into_iter().take(8).collect();
+        // Faces are still numbered as in the file, vertices maybe not.
+        let source = mesh.source.as_ref().filter(|_| kind != DefectKind::ZeroAreaFace);
+        let in_file = |i: u32| source.map_or(i, |s| s[i as usize]);
+        let first = wrong.into_iter().take(8).map(in_file).collect();
         let mut next = if done.source.len() == mesh.vertices.len() {
             Mesh { faces: done.faces, ..std::mem::take(&mut self.mesh) }
         } else {

@@ -92,6 +92,7 @@ fn ply() {
     refused("a.ply", &changed("vertex 4", "vertex 99999999999999999999"), &["PLY", "line 4"]);
     refused("a.ply", &changed("vertex 4", "vertex 5"), &["PLY"]);
     refused("a.ply", &changed("vertex 4", "vertex 3"), &["line 15", "face 0 of 4"]);
+    refused("a.ply", &changed("element face", "element tristrips"), &["triangle strips"]);
     refused("a.ply", &changed("face 4", "face 3"), &["more data"]);
     refused("a.ply", &changed("face 4", "face 5"), &["line", "face 4 of 5", "ends before"]);
     refused("a.ply", &changed("float x", "float y"), &["given twice"]);
