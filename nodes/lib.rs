@@ -17,19 +17,7 @@ pub mod synthesize;
 
 use salient_sdk::AnyNode;
 
+pub mod load;
+
 /// All nodes of this package.
-pub static NODES: &[&dyn AnyNode] = &[
-    &cut::Cut,
-    &eigensolve::Eigensolve,
-    &evaluate_match::EvaluateMatch,
-    &iqp_match::IqpMatch,
-    &laplacian::Laplacian,
-    &maxima::Maxima,
-    &patch_extract::PatchExtract,
-    &patch_spectrum::PatchSpectrum,
-    &reconstruct::Reconstruct,
-    &reconstruction_energy::ReconstructionEnergy,
-    &shuffle::Shuffle,
-    &simplify::Simplify,
-    &synthesize::Synthesize,
-];
+pub static NODES: &[&dyn AnyNode] = &[&load::Load];
