@@ -6,6 +6,7 @@ pub mod evaluate_match;
 pub mod feature;
 pub mod iqp_match;
 pub mod laplacian;
+pub mod load;
 pub mod maxima;
 pub mod patch_extract;
 pub mod patch_spectrum;
@@ -17,7 +18,20 @@ pub mod synthesize;
 
 use salient_sdk::AnyNode;
 
-pub mod load;
-
 /// All nodes of this package.
-pub static NODES: &[&dyn AnyNode] = &[&load::Load];
+pub static NODES: &[&dyn AnyNode] = &[
+    &cut::Cut,
+    &eigensolve::Eigensolve,
+    &evaluate_match::EvaluateMatch,
+    &iqp_match::IqpMatch,
+    &laplacian::Laplacian,
+    &load::Load,
+    &maxima::Maxima,
+    &patch_extract::PatchExtract,
+    &patch_spectrum::PatchSpectrum,
+    &reconstruct::Reconstruct,
+    &reconstruction_energy::ReconstructionEnergy,
+    &shuffle::Shuffle,
+    &simplify::Simplify,
+    &synthesize::Synthesize,
+];
