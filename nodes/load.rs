@@ -131,9 +131,7 @@ impl Format {
             "ply" => Ok(Self::Ply),
             "stl" => Ok(Self::Stl),
             "gltf" | "glb" => Ok(Self::Gltf),
-            other => {
-                Err(NodeError::new(format!("`.{other}` is none of obj, off, ply, stl, gltf, glb")))
-            }
+            other => Err(NodeError::new(format!("`.{other}` is none of obj, off, ply, stl, gltf, glb"))),
         }
     }
 

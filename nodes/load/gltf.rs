@@ -22,13 +22,8 @@ const FORMAT: &str = "glTF";
 
 /// Extensions that a file may require although they are not known: they do not change the surface, or (quantisation)
 /// only the component types of accessors, all of which are read.
-const HARMLESS: [&str; 5] = [
-    "KHR_materials_",
-    "KHR_texture_",
-    "KHR_lights_punctual",
-    "KHR_mesh_quantization",
-    "EXT_texture_",
-];
+const HARMLESS: [&str; 5] =
+    ["KHR_materials_", "KHR_texture_", "KHR_lights_punctual", "KHR_mesh_quantization", "EXT_texture_"];
 
 /// Reads a glTF or GLB file, posed by a clip's name and a time in seconds.
 pub fn read(bytes: &[u8], clip: Option<(&str, f64)>, cx: Context) -> Result<Raw, NodeError> {
@@ -57,11 +52,7 @@ fn parse(bytes: &[u8]) -> Result<(Root, Option<Vec<u8>>), NodeError> {
         let length = bytes.get(8..12).map_or(0, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
         if (length as usize) < 20 || length as usize != bytes.len() {
             let n = bytes.len();
-            return Err(bad(
-                FORMAT,
-                "byte 8",
-                format_args!("the header says {length} bytes, the file has {n}"),
-            ));
+            return Err(bad(FORMAT, "byte 8", format_args!("the header says {length} bytes, the file has {n}")));
         }
     }
     let file = gltf::Gltf::from_slice_without_validation(bytes)
@@ -74,18 +65,13 @@ fn parse(bytes: &[u8]) -> Result<(Root, Option<Vec<u8>>), NodeError> {
             let missing = primitive.attributes.values().find(|a| a.value() >= root.accessors.len());
             if let Some(index) = missing {
                 let place = format!("mesh {m}, primitive {p}");
-                return Err(bad(
-                    FORMAT,
-                    place,
-                    format_args!("names accessor {}, which is not there", index.value()),
-                ));
+                return Err(bad(FORMAT, place, format_args!("names accessor {}, which is not there", index.value())));
             }
         }
     }
     let document = gltf::Document::from_json(root).map_err(|e| match e {
         gltf::Error::Validation(errors) => {
-            let list: Vec<_> =
-                errors.iter().take(3).map(|(path, e)| format!("{path}: {e}")).collect();
+            let list: Vec<_> = errors.iter().take(3).map(|(path, e)| format!("{path}: {e}")).collect();
             bad(FORMAT, "document", list.join("; "))
         }
         other => bad(FORMAT, "document", other),
@@ -108,13 +94,7 @@ struct Instance<'a> {
 }
 
 impl<'a> Instance<'a> {
-    fn new(
-        root: &'a Root,
-        buffers: &'a Buffers,
-        scene: &Scene,
-        rest: &Scene,
-        node: usize,
-    ) -> Result<Self, NodeError> {
+    fn new(root: &'a Root, buffers: &'a Buffers, scene: &Scene, rest: &Scene, node: usize) -> Result<Self, NodeError> {
         let json: &Node = &root.nodes[node];
         let of = |what| bad(FORMAT, format_args!("node {node}"), what);
         let index = json.mesh.ok_or_else(|| of("has no mesh"))?;
@@ -142,15 +122,8 @@ impl<'a> Instance<'a> {
         Ok(())
     }
 
-    fn primitive(
-        &self,
-        primitive: &Primitive,
-        place: &str,
-        raw: &mut Raw,
-    ) -> Result<(), NodeError> {
-        let Checked::Valid(mode @ (Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)) =
-            primitive.mode
-        else {
+    fn primitive(&self, primitive: &Primitive, place: &str, raw: &mut Raw) -> Result<(), NodeError> {
+        let Checked::Valid(mode @ (Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)) = primitive.mode else {
             return Ok(());
         };
         let base = raw.vertices.len();
@@ -165,11 +138,7 @@ impl<'a> Instance<'a> {
         for (v, p) in posed.iter().chain(&positions).enumerate() {
             if p.iter().any(|x| !x.is_finite()) {
                 let v = v % posed.len();
-                return Err(bad(
-                    FORMAT,
-                    place,
-                    format_args!("vertex {v} has a coordinate that is not finite"),
-                ));
+                return Err(bad(FORMAT, place, format_args!("vertex {v} has a coordinate that is not finite")));
             }
         }
         if base + posed.len() >= u32::MAX as usize {
@@ -203,33 +172,19 @@ impl<'a> Instance<'a> {
         index.map(|i| self.buffers.read(self.root, *i, width, place)).transpose()
     }
 
-    fn corners(
-        &self,
-        primitive: &Primitive,
-        vertices: usize,
-        place: &str,
-    ) -> Result<Vec<u32>, NodeError> {
+    fn corners(&self, primitive: &Primitive, vertices: usize, place: &str) -> Result<Vec<u32>, NodeError> {
         let Some(index) = primitive.indices else { return Ok((0..vertices as u32).collect()) };
         let numbers = self.buffers.read(self.root, index, 1, place)?;
         let corner = |(i, x): (usize, &f64)| {
             if *x >= 0.0 && *x < vertices as f64 && x.fract() == 0.0 {
                 return Ok(*x as u32);
             }
-            Err(bad(
-                FORMAT,
-                place,
-                format_args!("index {i} is {x}, but there are {vertices} vertices"),
-            ))
+            Err(bad(FORMAT, place, format_args!("index {i} is {x}, but there are {vertices} vertices")))
         };
         numbers.iter().enumerate().map(corner).collect()
     }
 
-    fn morphed(
-        &self,
-        primitive: &Primitive,
-        positions: &[[f64; 3]],
-        place: &str,
-    ) -> Result<Vec<[f64; 3]>, NodeError> {
+    fn morphed(&self, primitive: &Primitive, positions: &[[f64; 3]], place: &str) -> Result<Vec<[f64; 3]>, NodeError> {
         let mut out = positions.to_vec();
         for (target, weight) in primitive.targets.iter().flatten().zip(&self.morph) {
             let Some(index) = target.positions.filter(|_| *weight != 0.0) else { continue };
@@ -275,9 +230,9 @@ impl<'a> Instance<'a> {
                     if weight == 0.0 {
                         continue;
                     }
-                    let matrix = matrices.get(joint as usize).ok_or_else(|| {
-                        of(format!("names joint {joint}, but the skin has {}", matrices.len()))
-                    })?;
+                    let matrix = matrices
+                        .get(joint as usize)
+                        .ok_or_else(|| of(format!("names joint {joint}, but the skin has {}", matrices.len())))?;
                     if weight.is_nan() || weight < 0.0 {
                         return Err(of(format!("has the weight {weight}")));
                     }
@@ -289,11 +244,7 @@ impl<'a> Instance<'a> {
             if total > 0.0 {
                 Ok(sum.map(|x| x / total))
             } else {
-                Err(bad(
-                    FORMAT,
-                    place,
-                    format_args!("vertex {v} is skinned, but no joint has weight on it"),
-                ))
+                Err(bad(FORMAT, place, format_args!("vertex {v} is skinned, but no joint has weight on it")))
             }
         };
         positions.iter().enumerate().map(pose).collect()
@@ -322,7 +273,5 @@ fn get<'a, T>(root: &'a Root, index: Index<T>, what: &str) -> Result<&'a T, Node
 where
     Root: gltf::json::root::Get<T>,
 {
-    root.get(index).ok_or_else(|| {
-        bad(FORMAT, "document", format_args!("{what} {} is not there", index.value()))
-    })
+    root.get(index).ok_or_else(|| bad(FORMAT, "document", format_args!("{what} {} is not there", index.value())))
 }

@@ -27,8 +27,8 @@ pub fn read(bytes: &[u8]) -> Result<Raw, NodeError> {
     drop(body);
     let options = tobj::LoadOptions::default();
     let no_material = |_: &std::path::Path| Err(tobj::LoadError::OpenFileFailed);
-    let (models, _) = tobj::load_obj_buf(&mut text.as_bytes(), &options, no_material)
-        .map_err(|e| bad(FORMAT, "file", e))?;
+    let (models, _) =
+        tobj::load_obj_buf(&mut text.as_bytes(), &options, no_material).map_err(|e| bad(FORMAT, "file", e))?;
     let [model] = &models[..] else { return Err(bad(FORMAT, "file", "no object")) };
     let (positions, indices) = (model.mesh.positions.as_chunks().0, &model.mesh.indices);
     let mut polygons = Polygons::default();
@@ -78,8 +78,7 @@ fn check(bytes: &[u8]) -> Result<Checked, NodeError> {
             let at = |what: String| bad(FORMAT, format_args!("line {}", i + 1), what);
             let text = std::str::from_utf8(content).map_err(|_| at("not text".into()))?;
             let words: Vec<&str> = text[1..].split_whitespace().collect();
-            if keyword == b"v" { out.vertex(&words) } else { out.face(&words, i + 1) }
-                .map_err(at)?;
+            if keyword == b"v" { out.vertex(&words) } else { out.face(&words, i + 1) }.map_err(at)?;
         }
     }
     if let Some((line, index)) = out.ahead.iter().find(|(_, index)| *index > out.vertices) {
@@ -116,18 +115,13 @@ impl Checked {
         for word in words {
             let mut parts = word.split('/');
             let number = parts.next().unwrap_or_default();
-            let index: isize =
-                number.parse().map_err(|_| format!("`{word}` is not a corner of a face"))?;
-            if parts.clone().count() > 2
-                || parts.any(|p| !p.is_empty() && p.parse::<isize>().is_err())
-            {
+            let index: isize = number.parse().map_err(|_| format!("`{word}` is not a corner of a face"))?;
+            if parts.clone().count() > 2 || parts.any(|p| !p.is_empty() && p.parse::<isize>().is_err()) {
                 return Err(format!("`{word}` is not a corner of a face"));
             }
             if index == 0 || index < 0 && index.unsigned_abs() > self.vertices {
                 let seen = self.vertices;
-                return Err(format!(
-                    "the face names vertex {index}; {seen} came before, counted from 1"
-                ));
+                return Err(format!("the face names vertex {index}; {seen} came before, counted from 1"));
             }
             largest = largest.max(index);
         }

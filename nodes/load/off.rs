@@ -85,9 +85,7 @@ fn keyword<'a>(lines: &Lines, word: &'a str) -> Result<(Vec<usize>, &'a str), No
         return Err(lines.bad("does not begin with OFF"));
     };
     if prefix.contains(['4', 'n']) {
-        return Err(
-            lines.bad(format_args!("{prefix}OFF has vertices of other than three dimensions"))
-        );
+        return Err(lines.bad(format_args!("{prefix}OFF has vertices of other than three dimensions")));
     }
     let (texture, rest) = prefix.strip_prefix("ST").map_or((0, prefix), |rest| (2, rest));
     let (colour, rest) = rest.strip_prefix('C').map_or((false, rest), |rest| (true, rest));
@@ -104,12 +102,7 @@ fn keyword<'a>(lines: &Lines, word: &'a str) -> Result<(Vec<usize>, &'a str), No
     Ok((colours.iter().map(|n| n + normal + texture).collect(), after))
 }
 
-fn vertices(
-    lines: &mut Lines,
-    count: usize,
-    extras: &[usize],
-    bytes: usize,
-) -> Result<Vec<[f64; 3]>, NodeError> {
+fn vertices(lines: &mut Lines, count: usize, extras: &[usize], bytes: usize) -> Result<Vec<[f64; 3]>, NodeError> {
     // The count may lie: a vertex takes at least six bytes.
     let mut vertices = Vec::with_capacity(count.min(bytes / 6));
     while vertices.len() < count {
@@ -144,16 +137,15 @@ fn faces(lines: &mut Lines, count: usize, vertices: usize) -> Result<Polygons, N
         // What follows the corners is a colour: an index into a table, or three or four numbers.
         let given = words.len() - 1;
         if given < corners || !matches!(given - corners, 0 | 1 | 3 | 4) {
-            return Err(lines
-                .bad(format_args!("face {i} says {corners} corners, but {given} numbers follow")));
+            return Err(lines.bad(format_args!("face {i} says {corners} corners, but {given} numbers follow")));
         }
         let mut face = Vec::with_capacity(corners);
         for word in &words[1..=corners] {
             let index: i64 = lines.number(word, "a vertex index")?;
             if index < 0 || index as usize >= vertices {
-                return Err(lines.bad(format_args!(
-                    "face {i} names vertex {index}, but there are {vertices}, counted from 0"
-                )));
+                return Err(
+                    lines.bad(format_args!("face {i} names vertex {index}, but there are {vertices}, counted from 0"))
+                );
             }
             face.push(index as u32);
         }

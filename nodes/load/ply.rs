@@ -7,8 +7,7 @@ use std::io::{BufRead, Cursor};
 
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{
-    ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType,
-    ScalarType,
+    ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType,
 };
 use salient_sdk::NodeError;
 
@@ -114,34 +113,23 @@ fn point(element: &Element, i: usize, place: &Place) -> Result<[f64; 3], NodeErr
         return Err(bad(FORMAT, place, format_args!("vertex {i} lacks x, y or z")));
     };
     if [x, y, z].iter().any(|x| !x.is_finite()) {
-        return Err(bad(
-            FORMAT,
-            place,
-            format_args!("vertex {i} has a coordinate that is not finite"),
-        ));
+        return Err(bad(FORMAT, place, format_args!("vertex {i} has a coordinate that is not finite")));
     }
     Ok([x, y, z])
 }
 
 fn corners(element: Element, i: usize, place: &Place) -> Result<Vec<u32>, NodeError> {
     match element.corners {
-        None => Err(bad(
-            FORMAT,
-            place,
-            format_args!("face {i} has no list of vertex indices, or one below zero"),
-        )),
-        Some(few) if few.len() < 3 => {
-            Err(bad(FORMAT, place, format_args!("face {i} has {} corners", few.len())))
-        }
+        None => Err(bad(FORMAT, place, format_args!("face {i} has no list of vertex indices, or one below zero"))),
+        Some(few) if few.len() < 3 => Err(bad(FORMAT, place, format_args!("face {i} has {} corners", few.len()))),
         Some(corners) => Ok(corners),
     }
 }
 
 /// Refuses what would be misread or allocated in vain: repeated names, and counts that the bytes cannot hold.
 fn check_header(header: &Header, bytes: &[u8], start: usize) -> Result<(), NodeError> {
-    let says = |word: &[u8]| {
-        bytes[..start].split(|b| *b == b'\n' || *b == b'\r').filter(|l| l.starts_with(word)).count()
-    };
+    let says =
+        |word: &[u8]| bytes[..start].split(|b| *b == b'\n' || *b == b'\r').filter(|l| l.starts_with(word)).count();
     let properties: usize = header.elements.iter().map(|(_, e)| e.properties.len()).sum();
     if says(b"element ") != header.elements.len() || says(b"property ") != properties {
         return Err(bad(FORMAT, "header", "an element or property is given twice"));
@@ -212,20 +200,11 @@ struct Body<'a> {
 }
 
 impl Body<'_> {
-    fn element(
-        &mut self,
-        name: &str,
-        i: usize,
-        definition: &ElementDef,
-    ) -> Result<(Element, Place), NodeError> {
+    fn element(&mut self, name: &str, i: usize, definition: &ElementDef) -> Result<(Element, Place), NodeError> {
         let parser = Parser::<Element>::new();
         let byte = Place::Byte(self.cursor.position());
         let failed = |place: &Place, e: &dyn std::fmt::Display| {
-            bad(
-                FORMAT,
-                place,
-                format_args!("{name} {i} of {}: {}", definition.count, one_line(&e.to_string())),
-            )
+            bad(FORMAT, place, format_args!("{name} {i} of {}: {}", definition.count, one_line(&e.to_string())))
         };
         let read = match self.encoding {
             Encoding::Ascii => {
@@ -234,8 +213,7 @@ impl Body<'_> {
                 let Some(text) = text else {
                     return Err(failed(&place, &"the file ends before it"));
                 };
-                let element =
-                    parser.read_ascii_element(&text, definition).map_err(|e| failed(&place, &e))?;
+                let element = parser.read_ascii_element(&text, definition).map_err(|e| failed(&place, &e))?;
                 let given = text.split_whitespace().count();
                 if given != element.numbers {
                     let what = format!("{} numbers are wanted, {given} are there", element.numbers);
@@ -243,12 +221,8 @@ impl Body<'_> {
                 }
                 return Ok((element, place));
             }
-            Encoding::BinaryLittleEndian => {
-                parser.read_little_endian_element(&mut self.cursor, definition)
-            }
-            Encoding::BinaryBigEndian => {
-                parser.read_big_endian_element(&mut self.cursor, definition)
-            }
+            Encoding::BinaryLittleEndian => parser.read_little_endian_element(&mut self.cursor, definition),
+            Encoding::BinaryBigEndian => parser.read_big_endian_element(&mut self.cursor, definition),
         };
         Ok((read.map_err(|e| failed(&byte, &e))?, byte))
     }
@@ -272,9 +246,7 @@ impl Body<'_> {
         let at = self.cursor.position() as usize;
         let rest = self.cursor.get_ref().get(at..).unwrap_or_default();
         match rest.iter().position(|b| !b.is_ascii_whitespace()) {
-            Some(i) => {
-                Err(bad(FORMAT, Place::Byte((at + i) as u64), "more data than the header counts"))
-            }
+            Some(i) => Err(bad(FORMAT, Place::Byte((at + i) as u64), "more data than the header counts")),
             None => Ok(()),
         }
     }

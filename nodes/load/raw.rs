@@ -61,16 +61,15 @@ impl Polygons {
             let points: Vec<_> = polygon.iter().map(|&v| vertices[v as usize]).collect();
             let triangles = triangulate(&points).ok_or_else(|| {
                 let n = points.len();
-                bad(format, format_args!("face {i}"), format_args!("has {n} corners and is not convex; at most {MOST_CORNERS} can be triangulated"))
+                bad(
+                    format,
+                    format_args!("face {i}"),
+                    format_args!("has {n} corners and is not convex; at most {MOST_CORNERS} can be triangulated"),
+                )
             })?;
             faces.extend(triangles.into_iter().map(|t| t.map(|k| polygon[k])));
         }
-        let polygons = (split > 0).then_some(Defect {
-            kind: DefectKind::Polygon,
-            count: split,
-            first,
-            repaired: true,
-        });
+        let polygons = (split > 0).then_some(Defect { kind: DefectKind::Polygon, count: split, first, repaired: true });
         Ok(Raw { vertices, faces, polygons, ..Raw::default() })
     }
 }
@@ -83,11 +82,7 @@ fn triangulate(p: &[[f64; 3]]) -> Option<Vec<[usize; 3]>> {
         let ac = inside([a, b, c]) && inside([a, c, d]);
         let bd = inside([a, b, d]) && inside([b, c, d]);
         let along_bd = if ac == bd { length2(b, d) < length2(a, c) } else { bd };
-        return Some(if along_bd {
-            vec![[0, 1, 3], [1, 2, 3]]
-        } else {
-            vec![[0, 1, 2], [0, 2, 3]]
-        });
+        return Some(if along_bd { vec![[0, 1, 3], [1, 2, 3]] } else { vec![[0, 1, 2], [0, 2, 3]] });
     }
     let n = p.len();
     let convex = (0..n).all(|i| dot(cross([p[i], p[(i + 1) % n], p[(i + 2) % n]]), normal) >= 0.0);

@@ -33,17 +33,13 @@ pub fn mesh(raw: Raw, format: Format, params: &Params, cx: Context) -> Result<Me
     cx.record("vertices_in_file", before);
     cx.record("welded_vertices", before - work.mesh.vertices.len());
     if params.drop_degenerate {
-        work.apply(topology::drop_degenerate, DefectKind::ZeroAreaFace, |c| {
-            c.zero_area_faces.clone()
-        })?;
+        work.apply(topology::drop_degenerate, DefectKind::ZeroAreaFace, |c| c.zero_area_faces.clone())?;
     }
     if params.largest_component {
         work.apply(topology::largest_component, DefectKind::SeveralComponents, further_components)?;
     }
     if params.drop_unreferenced {
-        work.apply(topology::drop_unreferenced, DefectKind::UnreferencedVertex, |c| {
-            c.unreferenced_vertices.clone()
-        })?;
+        work.apply(topology::drop_unreferenced, DefectKind::UnreferencedVertex, |c| c.unreferenced_vertices.clone())?;
     }
     let mut mesh = work.mesh;
     if mesh.faces.is_empty() {
@@ -178,9 +174,7 @@ fn census(mesh: &Mesh) -> Result<Vec<Defect>, NodeError> {
         (DefectKind::SeveralComponents, single(further_components(&found))),
     ];
     let defects = kinds.into_iter().filter(|(_, (count, _))| *count > 0);
-    Ok(defects
-        .map(|(kind, (count, first))| Defect { kind, count, first, repaired: false })
-        .collect())
+    Ok(defects.map(|(kind, (count, first))| Defect { kind, count, first, repaired: false }).collect())
 }
 
 fn failed(error: MeshError) -> NodeError {

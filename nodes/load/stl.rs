@@ -111,11 +111,7 @@ impl Text {
 
     fn read(&self) -> Result<Raw, NodeError> {
         if !self.ended {
-            return Err(bad(
-                FORMAT,
-                format_args!("line {}", self.lines),
-                "the file ends before `endsolid`",
-            ));
+            return Err(bad(FORMAT, format_args!("line {}", self.lines), "the file ends before `endsolid`"));
         }
         let place = |facet: usize| {
             let line = self.facets.get(facet).or(self.facets.last()).unwrap_or(&1);

@@ -24,10 +24,7 @@ impl Buffers {
         for (i, buffer) in root.buffers.iter().enumerate() {
             let place = format!("buffer {i}");
             let bytes: Arc<[u8]> = match buffer.uri.as_deref() {
-                None => blob
-                    .take()
-                    .ok_or_else(|| bad(FORMAT, &place, "has neither a URI nor a GLB chunk"))?
-                    .into(),
+                None => blob.take().ok_or_else(|| bad(FORMAT, &place, "has neither a URI nor a GLB chunk"))?.into(),
                 Some(uri) => match uri.strip_prefix("data:") {
                     Some(data) => {
                         let (_, text) = data
@@ -41,11 +38,7 @@ impl Buffers {
             let length = buffer.byte_length.0 as usize;
             if length > bytes.len() {
                 let n = bytes.len();
-                return Err(bad(
-                    FORMAT,
-                    place,
-                    format_args!("{length} bytes are promised, {n} are there"),
-                ));
+                return Err(bad(FORMAT, place, format_args!("{length} bytes are promised, {n} are there")));
             }
             buffers.push(bytes);
         }
@@ -53,26 +46,14 @@ impl Buffers {
     }
 
     /// The numbers of an accessor, `width` to an element; normalised integers as fractions.
-    pub fn read(
-        &self,
-        root: &Root,
-        index: Index<Accessor>,
-        width: usize,
-        place: &str,
-    ) -> Result<Vec<f64>, NodeError> {
+    pub fn read(&self, root: &Root, index: Index<Accessor>, width: usize, place: &str) -> Result<Vec<f64>, NodeError> {
         let accessor = get(root, index, "accessor")?;
-        let at =
-            |what: String| bad(FORMAT, format_args!("{place}, accessor {}", index.value()), what);
-        let (Checked::Valid(component), Checked::Valid(shape)) =
-            (accessor.component_type, accessor.type_)
-        else {
+        let at = |what: String| bad(FORMAT, format_args!("{place}, accessor {}", index.value()), what);
+        let (Checked::Valid(component), Checked::Valid(shape)) = (accessor.component_type, accessor.type_) else {
             return Err(at("has no known type".into()));
         };
         if components(shape) != width {
-            return Err(at(format!(
-                "has {} numbers to an element, not {width}",
-                components(shape)
-            )));
+            return Err(at(format!("has {} numbers to an element, not {width}", components(shape))));
         }
         let count = accessor.count.0 as usize;
         let component = Component { of: component.0, normalized: accessor.normalized };
@@ -94,20 +75,15 @@ impl Buffers {
             let plain = Component { of: of.0, normalized: false };
             let (indices, values) = (&sparse.indices, &sparse.values);
             let offset = indices.byte_offset.0 as usize;
-            let places =
-                self.strided(root, indices.buffer_view, offset, n, 1, plain).map_err(at)?;
+            let places = self.strided(root, indices.buffer_view, offset, n, 1, plain).map_err(at)?;
             let offset = values.byte_offset.0 as usize;
-            let values =
-                self.strided(root, values.buffer_view, offset, n, width, component).map_err(at)?;
+            let values = self.strided(root, values.buffer_view, offset, n, width, component).map_err(at)?;
             for (k, place) in places.iter().enumerate() {
                 let i = *place as usize;
                 if i >= count {
-                    return Err(at(format!(
-                        "sparse index {k} is {i}, but there are {count} elements"
-                    )));
+                    return Err(at(format!("sparse index {k} is {i}, but there are {count} elements")));
                 }
-                out[i * width..(i + 1) * width]
-                    .copy_from_slice(&values[k * width..(k + 1) * width]);
+                out[i * width..(i + 1) * width].copy_from_slice(&values[k * width..(k + 1) * width]);
             }
         }
         Ok(out)
@@ -123,8 +99,7 @@ impl Buffers {
         component: Component,
     ) -> Result<Vec<f64>, String> {
         let size = component.size() * width;
-        let past =
-            || format!("{count} elements reach past the end of buffer view {}", view.value());
+        let past = || format!("{count} elements reach past the end of buffer view {}", view.value());
         let json = root.get(view).ok_or_else(past)?;
         let bytes = self.0.get(json.buffer.value()).ok_or_else(past)?;
         let start = json.byte_offset.map_or(0, |o| o.0) as usize;
@@ -140,8 +115,7 @@ impl Buffers {
         let length = stride.checked_mul(count - 1).and_then(|n| n.checked_add(size));
         let end = length.and_then(|n| n.checked_add(offset)).ok_or_else(past)?;
         let bytes = bytes.get(offset..end).ok_or_else(past)?;
-        let element =
-            |i: usize| bytes[i * stride..i * stride + size].chunks_exact(component.size());
+        let element = |i: usize| bytes[i * stride..i * stride + size].chunks_exact(component.size());
         Ok((0..count).flat_map(element).map(|b| component.value(b)).collect())
     }
 }
@@ -169,12 +143,8 @@ impl Component {
             (ComponentType::U8, &[a, ..]) => (f64::from(a), 255.0),
             (ComponentType::I16, &[a, b, ..]) => (f64::from(i16::from_le_bytes([a, b])), 32767.0),
             (ComponentType::U16, &[a, b, ..]) => (f64::from(u16::from_le_bytes([a, b])), 65535.0),
-            (ComponentType::U32, &[a, b, c, d, ..]) => {
-                (f64::from(u32::from_le_bytes([a, b, c, d])), 1.0)
-            }
-            (ComponentType::F32, &[a, b, c, d, ..]) => {
-                (f64::from(f32::from_le_bytes([a, b, c, d])), 1.0)
-            }
+            (ComponentType::U32, &[a, b, c, d, ..]) => (f64::from(u32::from_le_bytes([a, b, c, d])), 1.0),
+            (ComponentType::F32, &[a, b, c, d, ..]) => (f64::from(f32::from_le_bytes([a, b, c, d])), 1.0),
             _ => (f64::NAN, 1.0),
         };
         if self.normalized { (number / most).max(-1.0) } else { number }

@@ -14,32 +14,21 @@ const SLACK: f64 = 1e-3;
 
 /// Moves the nodes of a scene to where a clip has them at a time. Before the first key of a channel its first value holds,
 /// after its last key the last; a time past the last key of all is an error.
-pub fn apply(
-    scene: &mut Scene,
-    root: &Root,
-    buffers: &Buffers,
-    name: &str,
-    time: f64,
-) -> Result<(), NodeError> {
+pub fn apply(scene: &mut Scene, root: &Root, buffers: &Buffers, name: &str, time: f64) -> Result<(), NodeError> {
     let (index, clip) = find(root, name)?;
     let mut samplers = Vec::new();
     for (i, sampler) in clip.samplers.iter().enumerate() {
         let place = format!("animation {index}, sampler {i}");
         let times = buffers.read(root, sampler.input, 1, &place)?;
-        if times.is_empty()
-            || !times.is_sorted_by(|a, b| a < b)
-            || !times.iter().all(|t| t.is_finite())
-        {
+        if times.is_empty() || !times.is_sorted_by(|a, b| a < b) || !times.iter().all(|t| t.is_finite()) {
             return Err(bad(FORMAT, place, "key times do not increase"));
         }
         samplers.push(times);
     }
     let end = samplers.iter().filter_map(|t| t.last()).fold(0.0, |a: f64, b| a.max(*b));
     if !(0.0..=end + SLACK).contains(&time) {
-        return Err(NodeError::new(format!(
-            "{FORMAT}: time {time} s is outside the clip `{name}`"
-        ))
-        .help(format!("the clip runs from 0 to {end} s")));
+        return Err(NodeError::new(format!("{FORMAT}: time {time} s is outside the clip `{name}`"))
+            .help(format!("the clip runs from 0 to {end} s")));
     }
     for (i, channel) in clip.channels.iter().enumerate() {
         let place = format!("animation {index}, channel {i}");
@@ -53,8 +42,7 @@ pub fn apply(
 
 /// The clip of a name; clips without one are called by their index.
 fn find<'a>(root: &'a Root, name: &str) -> Result<(usize, &'a Animation), NodeError> {
-    let called =
-        |i: usize, clip: &Animation| clip.name.clone().unwrap_or_else(|| format!("Anim_{i}"));
+    let called = |i: usize, clip: &Animation| clip.name.clone().unwrap_or_else(|| format!("Anim_{i}"));
     let clips = || root.animations.iter().enumerate();
     let found: Vec<_> = clips().filter(|(i, clip)| called(*i, clip) == name).collect();
     match found[..] {
@@ -76,24 +64,14 @@ struct Keyed<'a> {
     place: &'a str,
 }
 
-fn move_node(
-    scene: &mut Scene,
-    root: &Root,
-    buffers: &Buffers,
-    keyed: &Keyed,
-    time: f64,
-) -> Result<(), NodeError> {
+fn move_node(scene: &mut Scene, root: &Root, buffers: &Buffers, keyed: &Keyed, time: f64) -> Result<(), NodeError> {
     let at = |what: String| bad(FORMAT, keyed.place, what);
     let target = &keyed.channel.target;
     let node = target.node.value();
     let Checked::Valid(path) = target.path else {
         return Err(at("moves a property that is not known".into()));
     };
-    let mesh = root
-        .nodes
-        .get(node)
-        .ok_or_else(|| at(format!("moves node {node}, which is not there")))?
-        .mesh;
+    let mesh = root.nodes.get(node).ok_or_else(|| at(format!("moves node {node}, which is not there")))?.mesh;
     // Morph weights are stored as scalars, one run for all targets to a key.
     let (stored, width) = match path {
         Property::Translation | Property::Scale => (3, 3),
@@ -114,8 +92,7 @@ fn move_node(
         let (n, keys) = (values.len(), keyed.times.len());
         return Err(at(format!("{n} numbers for {keys} keys of {width}")));
     }
-    let value =
-        sample(interpolation, keyed.times, &values, width, path == Property::Rotation, time);
+    let value = sample(interpolation, keyed.times, &values, width, path == Property::Rotation, time);
     let local = &mut scene.locals[node];
     if local.matrix.is_some() && path != Property::MorphTargetWeights {
         return Err(at(format!("moves node {node}, whose transform is a matrix")));

@@ -51,8 +51,7 @@ impl Matrix {
     /// Negative if the map mirrors.
     pub fn determinant(&self) -> f64 {
         let [a, b, c, _] = self.0;
-        a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0])
-            + a[2] * (b[0] * c[1] - b[1] * c[0])
+        a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0])
     }
 }
 
@@ -89,11 +88,7 @@ impl Scene {
         for (i, local) in locals.iter().enumerate() {
             let zero = local.rotation.iter().all(|x| *x == 0.0);
             if zero && local.matrix.is_none() {
-                return Err(bad(
-                    FORMAT,
-                    format_args!("node {i}"),
-                    "the rotation is the zero quaternion",
-                ));
+                return Err(bad(FORMAT, format_args!("node {i}"), "the rotation is the zero quaternion"));
             }
         }
         Ok(Self { globals: vec![Matrix::IDENTITY; locals.len()], locals })
@@ -114,8 +109,7 @@ impl Scene {
                 }
             }
         }
-        let mut stack: Vec<(usize, Matrix)> =
-            (0..n).filter(|i| !child[*i]).map(|i| (i, Matrix::IDENTITY)).collect();
+        let mut stack: Vec<(usize, Matrix)> = (0..n).filter(|i| !child[*i]).map(|i| (i, Matrix::IDENTITY)).collect();
         let mut placed = 0;
         while let Some((i, parent)) = stack.pop() {
             placed += 1;
@@ -168,12 +162,7 @@ impl Scene {
     }
 
     /// The matrices of a skin's joints: global transform times inverse bind matrix.
-    pub fn joints(
-        &self,
-        root: &Root,
-        buffers: &Buffers,
-        skin: usize,
-    ) -> Result<Vec<Matrix>, NodeError> {
+    pub fn joints(&self, root: &Root, buffers: &Buffers, skin: usize) -> Result<Vec<Matrix>, NodeError> {
         let place = format!("skin {skin}");
         let json = root.skins.get(skin).ok_or_else(|| bad(FORMAT, &place, "is not there"))?;
         let inverse = match json.inverse_bind_matrices {
@@ -183,11 +172,7 @@ impl Scene {
         let inverse = inverse.as_chunks::<16>().0;
         if json.inverse_bind_matrices.is_some() && inverse.len() < json.joints.len() {
             let (m, n) = (inverse.len(), json.joints.len());
-            return Err(bad(
-                FORMAT,
-                place,
-                format_args!("{m} inverse bind matrices for {n} joints"),
-            ));
+            return Err(bad(FORMAT, place, format_args!("{m} inverse bind matrices for {n} joints")));
         }
         let matrix = |(j, joint): (usize, &Index<gltf::json::Node>)| {
             let global = self.globals[joint.value()];

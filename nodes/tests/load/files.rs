@@ -3,8 +3,7 @@
 use serde_json::{Value, json};
 
 /// Exact in single precision; in the order in which the faces first use them, as STL would number them.
-pub const POINTS: [[f32; 3]; 4] =
-    [[0.0, 0.0, 0.0], [0.0, 1.5, 0.0], [1.0, 0.0, 0.0], [0.0, 0.25, -2.25]];
+pub const POINTS: [[f32; 3]; 4] = [[0.0, 0.0, 0.0], [0.0, 1.5, 0.0], [1.0, 0.0, 0.0], [0.0, 0.25, -2.25]];
 pub const FACES: [[u32; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
 
 pub fn points() -> Vec<[f64; 3]> {
@@ -85,8 +84,7 @@ impl Builder {
         while !self.bytes.len().is_multiple_of(4) {
             self.bytes.push(0);
         }
-        self.views
-            .push(json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len()}));
+        self.views.push(json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len()}));
         self.bytes.extend(bytes);
         self.views.len() - 1
     }
@@ -97,8 +95,7 @@ impl Builder {
     }
 
     pub fn floats(&mut self, kind: &str, rows: &[impl AsRef<[f32]>]) -> usize {
-        let bytes: Vec<u8> =
-            rows.iter().flat_map(AsRef::as_ref).flat_map(|x| x.to_le_bytes()).collect();
+        let bytes: Vec<u8> = rows.iter().flat_map(AsRef::as_ref).flat_map(|x| x.to_le_bytes()).collect();
         let view = self.view(&bytes);
         let width = rows[0].as_ref().len();
         let extreme = |pick: fn(f32, f32) -> f32| -> Vec<f32> {
@@ -144,8 +141,7 @@ impl Builder {
     /// The document as text with its buffer in a data URI.
     pub fn gltf(&self, parts: Value) -> Vec<u8> {
         let mut document = self.document(parts);
-        document["buffers"][0]["uri"] =
-            json!(format!("data:application/octet-stream;base64,{}", base64(&self.bytes)));
+        document["buffers"][0]["uri"] = json!(format!("data:application/octet-stream;base64,{}", base64(&self.bytes)));
         document.to_string().into_bytes()
     }
 

@@ -24,11 +24,7 @@ fn the_same_tetrahedron_comes_out_of_every_format() {
         ("a.glb", builder.glb(parts)),
     ];
     for (name, bytes) in cases {
-        assert_eq!(
-            load(name, &bytes).unwrap_or_else(|e| panic!("{name}: {e}")),
-            tetrahedron(),
-            "{name}"
-        );
+        assert_eq!(load(name, &bytes).unwrap_or_else(|e| panic!("{name}: {e}")), tetrahedron(), "{name}");
     }
 }
 
@@ -37,10 +33,8 @@ fn stl_of_both_kinds_is_welded_into_the_same_tetrahedron() {
     // The first facet has the corners 0, 2, 1, and welding numbers by first appearance.
     let order = [0, 2, 1, 3];
     let vertices = order.map(|v| points()[v]).to_vec();
-    let faces =
-        FACES.map(|f| f.map(|v| order.iter().position(|o| *o == v as usize).unwrap() as u32));
-    let expected =
-        Mesh { vertices, faces: faces.to_vec(), source: Some(vec![0, 1, 2, 5]), ..Mesh::default() };
+    let faces = FACES.map(|f| f.map(|v| order.iter().position(|o| *o == v as usize).unwrap() as u32));
+    let expected = Mesh { vertices, faces: faces.to_vec(), source: Some(vec![0, 1, 2, 5]), ..Mesh::default() };
     let upper = String::from_utf8(files::stl_text()).unwrap().to_uppercase().into_bytes();
     let headers: [&[u8]; 2] = [b"exported", b"solid but binary"];
     let binary = headers.map(files::stl_binary);
@@ -48,10 +42,7 @@ fn stl_of_both_kinds_is_welded_into_the_same_tetrahedron() {
         assert_eq!(load("a.stl", &bytes).unwrap(), expected);
     }
     let split = load_with("a.stl", &binary[0], &[("weld", "Never")]).unwrap();
-    assert_eq!(
-        (split.vertices.len(), split.faces[3], split.source.is_none()),
-        (12, [9, 10, 11], true)
-    );
+    assert_eq!((split.vertices.len(), split.faces[3], split.source.is_none()), (12, [9, 10, 11], true));
     assert_eq!(defect(&split, DefectKind::DuplicateVertex).unwrap().count, 8);
     assert_eq!(defect(&split, DefectKind::SeveralComponents).unwrap().count, 3);
 }
@@ -144,14 +135,8 @@ fn areas(p: &[[f64; 3]], faces: &[[u32; 3]]) -> (f64, Vec<f64>) {
 
 #[test]
 fn quads_are_split_along_the_shorter_inner_diagonal() {
-    assert_eq!(
-        split(&[[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [4.0, 1.0, 0.0], [1.0, 1.0, 0.0]]),
-        [[0, 1, 3], [1, 2, 3]]
-    );
-    assert_eq!(
-        split(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]),
-        [[0, 1, 2], [0, 2, 3]]
-    );
+    assert_eq!(split(&[[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [4.0, 1.0, 0.0], [1.0, 1.0, 0.0]]), [[0, 1, 3], [1, 2, 3]]);
+    assert_eq!(split(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]), [[0, 1, 2], [0, 2, 3]]);
     // An arrowhead: corner 3 is reflex, and the diagonal 0-2 runs outside although it is the shorter one.
     let arrow = [[0.0, 0.0, 0.0], [2.0, 5.0, 0.0], [-2.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
     let faces = split(&arrow);
@@ -163,8 +148,7 @@ fn quads_are_split_along_the_shorter_inner_diagonal() {
 fn polygons_that_are_not_convex_are_covered_exactly() {
     let star: Vec<_> = (0..14)
         .map(|i| {
-            let (r, a) =
-                (if i % 2 == 0 { 3.0 } else { 1.0 }, f64::from(i) * std::f64::consts::TAU / 14.0);
+            let (r, a) = (if i % 2 == 0 { 3.0 } else { 1.0 }, f64::from(i) * std::f64::consts::TAU / 14.0);
             [r * a.cos(), r * a.sin(), 0.0]
         })
         .collect();
@@ -227,10 +211,7 @@ fn the_node_is_documented() {
     let infos = Load.params();
     assert!(infos.iter().all(|i| !i.doc.is_empty()), "{infos:?}");
     let weld = infos.iter().find(|i| i.name == "weld").unwrap();
-    assert_eq!(
-        (weld.form.as_str(), weld.default.clone()),
-        ("Auto | Always | Never", Some("Auto".into()))
-    );
+    assert_eq!((weld.form.as_str(), weld.default.clone()), ("Auto | Always | Never", Some("Auto".into())));
     let refused = |fields: &[(&str, &str)]| {
         let errors = Load.bind(fields).err().unwrap_or_default();
         errors.into_iter().map(|e| e.param).collect::<Vec<_>>()
@@ -238,10 +219,7 @@ fn the_node_is_documented() {
     assert_eq!(refused(&[("path", "\"a.3ds\"")]), ["path"]);
     assert_eq!(refused(&[("path", "\"a.obj\""), ("animation", "\"Run\"")]), ["animation"]);
     assert_eq!(refused(&[("path", "\"a.glb\""), ("time", "1")]), ["time"]);
-    assert_eq!(
-        refused(&[("path", "\"a.glb\""), ("animation", "\"Run\""), ("time", "-1")]),
-        ["time"]
-    );
+    assert_eq!(refused(&[("path", "\"a.glb\""), ("animation", "\"Run\""), ("time", "-1")]), ["time"]);
     assert_eq!(refused(&[("path", "\"a.glb\""), ("wled", "Never")]), ["wled"]);
     assert!(refused(&[("path", "\"a.glb\""), ("animation", "\"Run\""), ("time", "1")]).is_empty());
 }

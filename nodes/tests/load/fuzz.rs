@@ -90,17 +90,12 @@ fn survive(name: &str, bytes: &[u8], more: &[(&str, &str)], rounds: usize) -> us
         let mutated = mutate(bytes, &mut random);
         let result = catch_unwind(AssertUnwindSafe(|| load_with(name, &mutated, more)));
         let shown = || String::from_utf8_lossy(&mutated).into_owned();
-        let result =
-            result.unwrap_or_else(|_| panic!("{name}, round {round}, panics on: {}", shown()));
+        let result = result.unwrap_or_else(|_| panic!("{name}, round {round}, panics on: {}", shown()));
         if let Ok(mesh) = result {
             loaded += 1;
             let n = mesh.vertices.len() as u32;
             assert!(mesh.faces.as_flattened().iter().all(|v| *v < n), "{name}: {}", shown());
-            assert!(
-                mesh.vertices.as_flattened().iter().all(|x| x.is_finite()),
-                "{name}: {}",
-                shown()
-            );
+            assert!(mesh.vertices.as_flattened().iter().all(|x| x.is_finite()), "{name}: {}", shown());
         }
     }
     println!("{name}: {loaded} of {rounds} mutations still load");

@@ -31,14 +31,10 @@ pub fn bar() -> Vec<u8> {
     let corners = [0u8, 1, 4, 1, 3, 4, 3, 2, 4, 2, 0, 4, 0, 2, 1, 1, 2, 3].map(|v| [v]);
     let indices = b.bytes("SCALAR", &corners, false);
     let joints = b.bytes("VEC4", &[[0u8, 0, 0, 0], [0; 4], [0; 4], [1, 0, 0, 0], [0; 4]], false);
-    let weights = b.bytes(
-        "VEC4",
-        &[[255u8, 0, 0, 0], [255, 0, 0, 0], [255, 0, 0, 0], [255, 0, 0, 0], [51, 0, 0, 0]],
-        true,
-    );
+    let weights =
+        b.bytes("VEC4", &[[255u8, 0, 0, 0], [255, 0, 0, 0], [255, 0, 0, 0], [255, 0, 0, 0], [51, 0, 0, 0]], true);
     let joints1 = b.bytes("VEC4", &[[0u8; 4], [0; 4], [0; 4], [0; 4], [1, 0, 0, 0]], false);
-    let weights1 =
-        b.floats("VEC4", &[[0f32; 4], [0.0; 4], [0.0; 4], [0.0; 4], [0.2, 0.0, 0.0, 0.0]]);
+    let weights1 = b.floats("VEC4", &[[0f32; 4], [0.0; 4], [0.0; 4], [0.0; 4], [0.2, 0.0, 0.0, 0.0]]);
     let mut inverse = [[0f32; 16]; 2];
     for matrix in &mut inverse {
         for i in [0, 5, 10, 15] {
@@ -56,14 +52,7 @@ pub fn bar() -> Vec<u8> {
     // In-tangent, value, out-tangent of each key.
     let spline = b.floats(
         "VEC3",
-        &[
-            [9f32, 9.0, 9.0],
-            [0.0, 1.0, 0.0],
-            [2.0, 0.0, 0.0],
-            [0.0, 0.0, 4.0],
-            [0.0, 3.0, 0.0],
-            [9.0, 9.0, 9.0],
-        ],
+        &[[9f32, 9.0, 9.0], [0.0, 1.0, 0.0], [2.0, 0.0, 0.0], [0.0, 0.0, 4.0], [0.0, 3.0, 0.0], [9.0, 9.0, 9.0]],
     );
     let clip = |name: Value, input: usize, output: usize, how: &str, path: &str| {
         let mut clip = json!({
@@ -101,8 +90,7 @@ pub fn bar() -> Vec<u8> {
 fn a_skin_stands_as_its_joints_do() {
     let mesh = load("a.gltf", &bar()).unwrap();
     // Weights of 0.2 and 0.2 are brought to one half each.
-    let expected =
-        [[10.0, 0.0, 0.0], [11.0, 0.0, 0.0], [10.0, 0.0, 1.0], [10.0, 2.0, 0.0], [10.0, 1.5, 0.0]];
+    let expected = [[10.0, 0.0, 0.0], [11.0, 0.0, 0.0], [10.0, 0.0, 1.0], [10.0, 2.0, 0.0], [10.0, 1.5, 0.0]];
     mesh.vertices.iter().zip(expected).for_each(|(p, q)| near(*p, q, 1e-12));
     assert_eq!(mesh.faces[0], [0, 1, 4], "a mirrored node of a skinned mesh turns nothing");
 }
@@ -132,11 +120,7 @@ fn keys_are_interpolated_as_their_sampler_says() {
     near(height("Spline", 1.0), [10.0 + 0.25 * 2.0, 2.0 + 1.0, -0.25 * 4.0], 1e-12);
     // At a quarter: h00 = 27/32, h10 = 9/64, h01 = 5/32, h11 = -3/64.
     let y = 27.0 / 32.0 + 3.0 * 5.0 / 32.0;
-    near(
-        height("Spline", 0.5),
-        [10.0 + 2.0 * 2.0 * 9.0 / 64.0, 1.0 + y, -2.0 * 4.0 * 3.0 / 64.0],
-        1e-12,
-    );
+    near(height("Spline", 0.5), [10.0 + 2.0 * 2.0 * 9.0 / 64.0, 1.0 + y, -2.0 * 4.0 * 3.0 / 64.0], 1e-12);
     near(height("Spline", 0.0), [10.0, 2.0, 0.0], 1e-12);
     near(height("Spline", 2.0), [10.0, 4.0, 0.0], 1e-12);
 }
@@ -145,16 +129,9 @@ fn keys_are_interpolated_as_their_sampler_says() {
 fn clips_and_times_that_are_not_there_are_refused() {
     let error = at(&bar(), "Run", 0.0).unwrap_err();
     assert!(error.message.contains("`Run`"), "{error}");
-    assert_eq!(
-        error.help.unwrap(),
-        "clips of the file: `Turn`, `Step`, `Rise`, `Spline`, `Anim_4`"
-    );
+    assert_eq!(error.help.unwrap(), "clips of the file: `Turn`, `Step`, `Rise`, `Spline`, `Anim_4`");
     let error = at(&bar(), "Turn", 1.5).unwrap_err();
-    assert!(
-        error.message.contains("1.5 s") && error.help.unwrap().contains("to 1 s"),
-        "{}",
-        error.message
-    );
+    assert!(error.message.contains("1.5 s") && error.help.unwrap().contains("to 1 s"), "{}", error.message);
 }
 
 #[test]
@@ -176,12 +153,7 @@ fn malformed_skins_and_clips_are_refused_with_their_place() {
         ("/animations/0/channels/0/sampler", json!(7), true, "animations[0].channels[0].sampler"),
         ("/animations/0/samplers/0/output", json!(0), true, "animation 0, channel 0"),
         ("/animations/0/samplers/0/input", json!(0), true, "animation 0, sampler 0"),
-        (
-            "/animations/0/samplers/0/interpolation",
-            json!("CUBICSPLINE"),
-            true,
-            "animation 0, channel 0",
-        ),
+        ("/animations/0/samplers/0/interpolation", json!("CUBICSPLINE"), true, "animation 0, channel 0"),
         ("/accessors/9/count", json!(1), true, "animation 0, channel 0"),
     ];
     for (pointer, value, clip, expected) in cases {
@@ -196,11 +168,7 @@ fn split_seams_are_closed_in_the_bind_pose_and_stay_closed() {
     let mut b = Builder::default();
     let corners: Vec<usize> = FACES.as_flattened().iter().map(|v| *v as usize).collect();
     let positions = b.floats("VEC3", &corners.iter().map(|v| POINTS[*v]).collect::<Vec<_>>());
-    let joints = b.bytes(
-        "VEC4",
-        &corners.iter().map(|v| [u8::from(*v == 3), 0, 0, 0]).collect::<Vec<_>>(),
-        false,
-    );
+    let joints = b.bytes("VEC4", &corners.iter().map(|v| [u8::from(*v == 3), 0, 0, 0]).collect::<Vec<_>>(), false);
     let weights = b.floats("VEC4", &[[1f32, 0.0, 0.0, 0.0]; 12]);
     let times = b.floats("SCALAR", &[[0f32], [1.0]]);
     let moves = b.floats("VEC3", &[[0f32; 3], [0.1, 0.2, 0.3]]);
@@ -255,8 +223,7 @@ fn instances_are_parts_that_only_always_welds() {
 
 #[test]
 fn strips_fans_and_plain_lists() {
-    let square: [[f32; 3]; 4] =
-        [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]];
+    let square: [[f32; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]];
     let faces = |mode: u32| {
         let mut b = Builder::default();
         let positions = b.floats("VEC3", &square);

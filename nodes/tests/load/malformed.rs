@@ -55,11 +55,7 @@ fn off() {
     refused("a.off", b"OFF\n3 x 0\n", &["line 2", "`x`"]);
     refused("a.off", b"OFF\n0 0 0\n", &["no vertices"]);
     refused("a.off", &with("3 0 0", ""), &["no faces"]);
-    refused(
-        "a.off",
-        &with("4000000000 4000000000 0", "3 0 1 2\n"),
-        &["line 6", "vertex 3 has 4 numbers"],
-    );
+    refused("a.off", &with("4000000000 4000000000 0", "3 0 1 2\n"), &["line 6", "vertex 3 has 4 numbers"]);
     refused("a.off", b"OFF\n4000000000 1 0\n0 0 0\n", &["ends before vertex 1 of 4000000000"]);
     refused("a.off", &with("3 1 0", "3 0 1 3\n"), &["line 6", "face 0 names vertex 3", "are 3"]);
     refused("a.off", &with("3 1 0", "3 0 1 -1\n"), &["line 6", "vertex -1"]);
@@ -83,11 +79,7 @@ fn ply() {
     refused("a.ply", b"\x00\x01\x02", &["PLY", "line 1"]);
     refused("a.ply", &text.as_bytes()[..80], &["PLY", "line"]);
     refused("a.ply", &changed("format ascii 1.0\n", ""), &["PLY", "format"]);
-    refused(
-        "a.ply",
-        &changed("vertex 4", "vertex 4000000000"),
-        &["header counts 4000000000", "`vertex`"],
-    );
+    refused("a.ply", &changed("vertex 4", "vertex 4000000000"), &["header counts 4000000000", "`vertex`"]);
     refused("a.ply", &changed("vertex 4", "vertex 18446744073709551615"), &["header counts"]);
     refused("a.ply", &changed("vertex 4", "vertex 99999999999999999999"), &["PLY", "line 4"]);
     refused("a.ply", &changed("vertex 4", "vertex 5"), &["PLY"]);
@@ -100,28 +92,16 @@ fn ply() {
     refused("a.ply", &changed("vertex_indices", "strip"), &["line 16", "face 0 has no list"]);
     refused("a.ply", &changed("0 1.5 0", "0 nan 0"), &["line 13", "vertex 1 of 4", "nan"]);
     refused("a.ply", &changed("0 1.5 0", "0 1e99 0"), &["line 13", "vertex 1", "not finite"]);
-    refused(
-        "a.ply",
-        &changed("3 0 1 3", "3 0 1 4"),
-        &["line 17", "face 1 names vertex 4", "are 4"],
-    );
+    refused("a.ply", &changed("3 0 1 3", "3 0 1 4"), &["line 17", "face 1 names vertex 4", "are 4"]);
     refused("a.ply", &changed("3 0 1 3", "3 0 1 -4"), &["line 17", "face 1", "below zero"]);
     refused("a.ply", &changed("3 0 1 3", "2 0 1"), &["line 17", "face 1 has 2 corners"]);
     refused("a.ply", &changed("3 0 1 3", "3 0 1"), &["line 17", "face 1"]);
     refused("a.ply", &changed("3 0 1 3", "3 0 1 3 9"), &["line 17", "4 numbers are wanted, 5"]);
     let binary = files::ply_binary(false);
     let faces = binary.len() - 4 * 13;
-    refused(
-        "b.ply",
-        &binary[..binary.len() - 1],
-        &["face 3 of 4", &format!("byte {}", binary.len() - 13)],
-    );
+    refused("b.ply", &binary[..binary.len() - 1], &["face 3 of 4", &format!("byte {}", binary.len() - 13)]);
     refused("b.ply", &binary[..faces], &["header counts 4 of element `face`"]);
-    refused(
-        "b.ply",
-        &[&binary[..], b"x"].concat(),
-        &["more data", &format!("byte {}", binary.len())],
-    );
+    refused("b.ply", &[&binary[..], b"x"].concat(), &["more data", &format!("byte {}", binary.len())]);
     let mut bad = binary.clone();
     bad[faces + 1] = 9;
     refused("b.ply", &bad, &[&format!("byte {faces}"), "face 0 names vertex 9"]);
@@ -182,47 +162,19 @@ fn gltf() {
     );
     refused("a.gltf", &with("/buffers/0/byteLength", json!(1000)), &["buffer 0", "1000 bytes"]);
     refused("a.gltf", &with("/buffers/0/uri", json!("data:;base64,A*==")), &["buffer 0", "byte 1"]);
-    refused(
-        "a.gltf",
-        &with("/buffers/0/uri", json!("data:;base64,AAAAA")),
-        &["buffer 0", "cut short"],
-    );
-    refused(
-        "a.gltf",
-        &with("/buffers/0/uri", json!("data:text/plain,AAAA")),
-        &["buffer 0", "not base64"],
-    );
-    refused(
-        "a.gltf",
-        &with("/bufferViews/0/byteLength", json!(47)),
-        &["accessor 0", "past the end of buffer view 0"],
-    );
+    refused("a.gltf", &with("/buffers/0/uri", json!("data:;base64,AAAAA")), &["buffer 0", "cut short"]);
+    refused("a.gltf", &with("/buffers/0/uri", json!("data:text/plain,AAAA")), &["buffer 0", "not base64"]);
+    refused("a.gltf", &with("/bufferViews/0/byteLength", json!(47)), &["accessor 0", "past the end of buffer view 0"]);
     refused("a.gltf", &with("/bufferViews/0/byteOffset", json!(u64::MAX)), &["accessor 0"]);
     refused("a.gltf", &with("/bufferViews/0/byteStride", json!(4)), &["accessor 0", "stride"]);
-    refused(
-        "a.gltf",
-        &with("/accessors/0/count", json!(u32::MAX)),
-        &["accessor 0", "past the end"],
-    );
-    refused(
-        "a.gltf",
-        &with("/accessors/0/count", json!(u64::MAX)),
-        &["accessor 0", "past the end"],
-    );
-    refused(
-        "a.gltf",
-        &with("/accessors/0/count", json!(3)),
-        &["primitive 0", "index 5 is 3", "3 vertices"],
-    );
+    refused("a.gltf", &with("/accessors/0/count", json!(u32::MAX)), &["accessor 0", "past the end"]);
+    refused("a.gltf", &with("/accessors/0/count", json!(u64::MAX)), &["accessor 0", "past the end"]);
+    refused("a.gltf", &with("/accessors/0/count", json!(3)), &["primitive 0", "index 5 is 3", "3 vertices"]);
     refused("a.gltf", &with("/accessors/0/type", json!("VEC2")), &["accessor 0", "2 numbers"]);
     refused("a.gltf", &with("/accessors/0/componentType", json!(7)), &["glTF", "accessors[0]"]);
     refused("a.gltf", &with("/accessors/1/componentType", json!(5126)), &["accessor 1"]);
     refused("a.gltf", &with("/nodes/0/children", json!([0])), &["own ancestors"]);
-    refused(
-        "a.gltf",
-        &with("/nodes/0/rotation", json!([0, 0, 0, 0])),
-        &["node 0", "zero quaternion"],
-    );
+    refused("a.gltf", &with("/nodes/0/rotation", json!([0, 0, 0, 0])), &["node 0", "zero quaternion"]);
     refused("a.gltf", &with("/nodes/0/scale", json!([1e30, 1e30, 1e39])), &["glTF"]);
     refused("a.gltf", &with("/nodes/0/skin", json!(0)), &["nodes[0].skin"]);
     refused("a.gltf", &with("/scenes/0/nodes", json!([0, 0])), &["node 0", "twice"]);
@@ -235,11 +187,7 @@ fn gltf() {
     refused("a.glb", b"glTF\x02\0\0\0\x05\0\0\0", &["byte 8", "5 bytes"]);
     let mut nan = builder;
     nan.bytes[16..20].copy_from_slice(&f32::NAN.to_le_bytes());
-    refused(
-        "a.gltf",
-        &nan.gltf(files::tetrahedron().1),
-        &["primitive 0", "vertex 1", "not finite"],
-    );
+    refused("a.gltf", &nan.gltf(files::tetrahedron().1), &["primitive 0", "vertex 1", "not finite"]);
 }
 
 #[test]

@@ -10,8 +10,7 @@ use super::{load, params};
 
 fn data() -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
-    let found =
-        [folder.clone(), Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data")];
+    let found = [folder.clone(), Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data")];
     let found = found.into_iter().find(|f| f.is_dir());
     if found.is_none() {
         println!("not run: there is no {}", folder.display());
@@ -45,8 +44,7 @@ fn posed(path: &Path, clip: &str, time: f64) -> Mesh {
     let (clip, time) = (format!("{clip:?}"), time.to_string());
     let params = params(name, &[("animation", &clip), ("time", &time)]);
     let host = TestHost::default().file("path", &std::fs::read(path).unwrap());
-    host.run::<Load>(&params, ())
-        .unwrap_or_else(|e| panic!("{name} {clip} {time}: {e} {:?}", e.help))
+    host.run::<Load>(&params, ()).unwrap_or_else(|e| panic!("{name} {clip} {time}: {e} {:?}", e.help))
 }
 
 #[test]
@@ -57,11 +55,7 @@ fn every_file_loads() {
         let defects: Vec<_> = mesh.defects.iter().map(ToString::to_string).collect();
         if !defects.is_empty() {
             let (v, f) = (mesh.vertices.len(), mesh.faces.len());
-            println!(
-                "{}: {v} vertices, {f} faces; {}",
-                path.file_name().unwrap().display(),
-                defects.join("; ")
-            );
+            println!("{}: {v} vertices, {f} faces; {}", path.file_name().unwrap().display(), defects.join("; "));
         }
     }
 }
@@ -96,14 +90,7 @@ fn surface(faces: impl Iterator<Item = [usize; 3]>) -> Vec<[usize; 3]> {
 /// Checks a skinned file against poses that another program wrote: the rest pose to the sixth decimal of the files, and
 /// with the same faces; poses within `slack`, because that program interpolated rotations along the chord, where glTF
 /// wants the arc (with chords all poses agree to 2e-5); poses at keys, `exact`, again to the sixth decimal.
-fn compare(
-    glb: &str,
-    folder: &str,
-    prefix: &str,
-    slack: f64,
-    poses: &[(&str, f64, u32)],
-    exact: &[(&str, u32)],
-) {
+fn compare(glb: &str, folder: &str, prefix: &str, slack: f64, poses: &[(&str, f64, u32)], exact: &[(&str, u32)]) {
     let Some(data) = data() else { return };
     let (glb, folder) = (data.join("gltf").join(glb), data.join(folder));
     let rest = read(&folder.join(format!("{prefix}__rest.off")));

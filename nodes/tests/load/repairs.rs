@@ -84,15 +84,11 @@ fn places_of_repairs_are_numbered_as_in_the_file() {
     // Vertex 4 repeats vertex 0; the second component begins at vertex 5, which welding makes 4; vertex 8 is unused.
     let text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 0 0 0\nv 5 0 0\nv 5 5 0\nv 5 0 5\nv 9 9 9\n\
         f 1 3 2\nf 5 2 4\nf 2 3 4\nf 1 4 3\nf 6 7 8\n";
-    let repairs =
-        [("weld", "Always"), ("largest_component", "true"), ("drop_unreferenced", "true")];
+    let repairs = [("weld", "Always"), ("largest_component", "true"), ("drop_unreferenced", "true")];
     let mesh = load_with("a.obj", text.as_bytes(), &repairs).unwrap();
     assert_eq!(mesh.source.as_deref(), Some(&[0, 1, 2, 3][..]));
     assert_eq!(
         found(&mesh),
-        [
-            (DefectKind::DuplicateVertex, 1, vec![4], true),
-            (DefectKind::SeveralComponents, 1, vec![5], true)
-        ]
+        [(DefectKind::DuplicateVertex, 1, vec![4], true), (DefectKind::SeveralComponents, 1, vec![5], true)]
     );
 }
