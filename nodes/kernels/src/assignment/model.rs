@@ -122,7 +122,9 @@ impl Model {
         if (real as i128) < total {
             real = real.next_up();
         }
-        unscale(real, self.exponent)
+        let result = unscale(real, self.exponent);
+        // Only among subnormal numbers can scaling back round.
+        if scale(result, self.exponent) < real { result.next_up() } else { result }
     }
 
     /// By how much at most the integer objective of an assignment exceeds its real one; 0 if scaling rounded nothing.
@@ -159,7 +161,7 @@ impl Grid {
         let total = best.iter().chain(&p.left_cost).chain(&p.right_cost).map(|v| v.abs()).sum::<f64>();
         let limit = (1_i64 << 60) / (n_left.max(p.n_left).max(p.n_right) as i64 + 4);
         let room = (limit >> 6) as f64;
-        let exponent = if total > 0.0 { ((room / total).log2().floor()).clamp(-1000.0, 1000.0) as i32 - 1 } else { 0 };
+        let exponent = if total > 0.0 { ((room / total).log2().floor()).clamp(-2000.0, 2000.0) as i32 - 1 } else { 0 };
         Self { exponent, limit }
     }
 
@@ -180,12 +182,13 @@ impl Grid {
     }
 }
 
+/// `x * 2^exponent`, in two steps since one factor alone may overflow.
 fn scale(x: f64, exponent: i32) -> f64 {
-    x * 2.0_f64.powi(exponent)
+    x * 2.0_f64.powi(exponent / 2) * 2.0_f64.powi(exponent - exponent / 2)
 }
 
 fn unscale(x: f64, exponent: i32) -> f64 {
-    x * 2.0_f64.powi(-exponent)
+    scale(x, -exponent)
 }
 
 fn gcd(mut a: u64, mut b: u64) -> u64 {

@@ -54,7 +54,7 @@ impl<'a> Search<'a> {
 
     /// `starts` runs of `iterations` moves each: the first from the greedy assignment, later ones from a disturbed best.
     pub fn run(&mut self, starts: usize, iterations: usize, stop: &dyn Fn() -> bool) {
-        if !self.construct() {
+        if !self.construct() || self.m.left.is_empty() {
             return;
         }
         for round in 0..starts {
