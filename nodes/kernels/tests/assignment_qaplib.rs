@@ -7,7 +7,11 @@ use std::time::Instant;
 
 fn data() -> Option<PathBuf> {
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2)?;
-    let found = workspace.ancestors().skip(1).map(|up| up.join("shared/data/qaplib")).find(|p| p.is_dir());
+    let found = workspace
+        .ancestors()
+        .skip(1)
+        .map(|up| up.join("shared/data/qaplib"))
+        .find(|p| p.is_dir());
     if found.is_none() {
         println!("SKIPPED: no ../shared/data/qaplib beside the workspace");
     }
@@ -16,7 +20,9 @@ fn data() -> Option<PathBuf> {
 
 fn numbers(path: &Path) -> Vec<f64> {
     let text = std::fs::read_to_string(path).unwrap();
-    text.split_whitespace().map(|word| word.parse().unwrap()).collect()
+    text.split_whitespace()
+        .map(|word| word.parse().unwrap())
+        .collect()
 }
 
 fn load(root: &Path, name: &str) -> (Problem, f64) {
@@ -32,7 +38,13 @@ fn run(root: &Path, name: &str, limits: &Limits) -> (Solution, f64) {
     let s = solve(&problem, limits, &Control::default()).unwrap();
     println!(
         "{name}: optimum {optimum} heuristic {} found {} bound {} root {} proved {} nodes {} {:.2} s",
-        -s.heuristic_objective, -s.objective, -s.upper_bound, -s.root_bound, s.proved, s.nodes, start.elapsed().as_secs_f64()
+        -s.heuristic_objective,
+        -s.objective,
+        -s.upper_bound,
+        -s.root_bound,
+        s.proved,
+        s.nodes,
+        start.elapsed().as_secs_f64()
     );
     (s, optimum)
 }
@@ -40,8 +52,18 @@ fn run(root: &Path, name: &str, limits: &Limits) -> (Solution, f64) {
 #[test]
 fn known_optima_are_found_and_never_excluded() {
     let Some(root) = data() else { return };
-    for name in ["chr12a", "chr12b", "chr12c", "had12", "nug12", "tai12a", "rou12", "scr12"] {
-        let (s, optimum) = run(&root, name, &Limits { node_limit: 1, root_sweeps: 30, ..Limits::default() });
+    for name in [
+        "chr12a", "chr12b", "chr12c", "had12", "nug12", "tai12a", "rou12", "scr12",
+    ] {
+        let (s, optimum) = run(
+            &root,
+            name,
+            &Limits {
+                node_limit: 1,
+                root_sweeps: 30,
+                ..Limits::default()
+            },
+        );
         assert_eq!(-s.objective, optimum, "{name}");
         assert!(-s.upper_bound <= optimum, "{name}");
     }
@@ -51,8 +73,20 @@ fn known_optima_are_found_and_never_excluded() {
 fn known_optima_are_proved() {
     let Some(root) = data() else { return };
     for name in ["chr12a", "chr12b", "chr12c", "scr12"] {
-        let (s, optimum) = run(&root, name, &Limits { node_limit: 100_000, starts: 1, ..Limits::default() });
-        assert_eq!((-s.objective, -s.upper_bound, s.proved), (optimum, optimum, true), "{name}");
+        let (s, optimum) = run(
+            &root,
+            name,
+            &Limits {
+                node_limit: 100_000,
+                starts: 1,
+                ..Limits::default()
+            },
+        );
+        assert_eq!(
+            (-s.objective, -s.upper_bound, s.proved),
+            (optimum, optimum, true),
+            "{name}"
+        );
     }
 }
 
@@ -60,10 +94,21 @@ fn known_optima_are_proved() {
 #[ignore = "a measurement: run in release with --nocapture; QAPLIB=name,... chooses"]
 fn measure() {
     let Some(root) = data() else { return };
-    let chosen = std::env::var("QAPLIB").unwrap_or_else(|_| "chr12a,chr12b,chr12c,had12,nug12,tai12a,rou12,scr12,chr15a,scr15".into());
+    let chosen = std::env::var("QAPLIB").unwrap_or_else(|_| {
+        "chr12a,chr12b,chr12c,had12,nug12,tai12a,rou12,scr12,chr15a,scr15".into()
+    });
     let node_limit = std::env::var("NODES").map_or(200_000, |n| n.parse().unwrap());
-    let node_sweeps = std::env::var("SWEEPS").map_or(Limits::default().node_sweeps, |n| n.parse().unwrap());
+    let node_sweeps =
+        std::env::var("SWEEPS").map_or(Limits::default().node_sweeps, |n| n.parse().unwrap());
     for name in chosen.split(',') {
-        run(&root, name, &Limits { node_limit, node_sweeps, ..Limits::default() });
+        run(
+            &root,
+            name,
+            &Limits {
+                node_limit,
+                node_sweeps,
+                ..Limits::default()
+            },
+        );
     }
 }
