@@ -87,25 +87,19 @@ pub(super) struct Scratch {
 impl Sub {
     pub fn root(m: &Model) -> Self {
         let n = m.left.len();
-        let mut mate = vec![0_u32; m.col.len()];
-        let mut next: Vec<usize> = m.row[..n].to_vec();
+        let mut next: Vec<u32> = m.row[..n].iter().map(|&e| e as u32).collect();
+        let (mut mate, mut w) = (
+            Vec::with_capacity(m.col.len()),
+            Vec::with_capacity(m.col.len()),
+        );
         // Rows ascend, so the entries of column b are met in the order in which row b lists them.
         for a in 0..n {
-            for e in m.row[a]..m.row[a + 1] {
-                let b = m.col[e] as usize;
-                mate[e] = next[b] as u32;
+            let range = m.row[a]..m.row[a + 1];
+            for (&b, &h) in m.col[range.clone()].iter().zip(&m.val[range]) {
+                let b = b as usize;
+                mate.push(next[b]);
                 next[b] += 1;
-            }
-        }
-        let mut w = m.val.clone();
-        for a in 0..n {
-            for e in m.row[a]..m.row[a + 1] {
-                let half = m.val[e] >> 1;
-                w[e] = if (m.col[e] as usize) < a {
-                    half
-                } else {
-                    m.val[e] - half
-                };
+                w.push(if b < a { h >> 1 } else { h - (h >> 1) });
             }
         }
         let mut sub = Self {
@@ -425,8 +419,8 @@ impl Sub {
             Branch::DropLeft(k) => gone_left = k,
             Branch::DropRight(l) => gone_right = l,
         }
-        for a in 0..n {
-            keep[a] &= self.left[a] != gone_left && self.right[a] != gone_right;
+        for (a, keep) in keep.iter_mut().enumerate() {
+            *keep &= self.left[a] != gone_left && self.right[a] != gone_right;
         }
         self.compress(&keep, &c, base, fixed, gone_left, gone_right)
     }

@@ -229,15 +229,17 @@ mod tests {
             let (n, m, optional) = (next(6) as usize, 1 + next(6) as u32, case % 2 == 0);
             let rows: Vec<Vec<(u32, i64)>> = (0..n)
                 .map(|_| {
-                    let list =
-                        (0..m).filter_map(|r| (next(3) > 0).then(|| (r, next(20) as i64 - 8)));
+                    let list = (0..m)
+                        .map(|r| (r, next(20) as i64 - 8))
+                        .filter(|e| e.1 % 4 != 0);
                     list.map(|(r, w)| if w == 3 { (r, FORBIDDEN) } else { (r, w) })
                         .collect()
                 })
                 .collect();
             let mut start = vec![0_u32];
-            rows.iter()
-                .for_each(|row| start.push(start[start.len() - 1] + row.len() as u32));
+            for row in &rows {
+                start.push(start[start.len() - 1] + row.len() as u32);
+            }
             let right: Vec<u32> = rows.iter().flatten().map(|e| e.0).collect();
             let w: Vec<i64> = rows.iter().flatten().map(|e| e.1).collect();
             let got = lap.solve(&start, &right, &w, m as usize, optional, usize::MAX);

@@ -66,7 +66,7 @@ impl<'a> Search<'a> {
             self.tabu.fill(0);
             let (mut idle, mut round_best) = (0, self.value);
             while idle < iterations {
-                if self.clock % 64 == 0 && stop() {
+                if self.clock.is_multiple_of(64) && stop() {
                     return;
                 }
                 if !self.step() {
@@ -104,8 +104,12 @@ impl<'a> Search<'a> {
         if self.m.mandatory {
             // Any assignment that serves every left: the best by linear scores.
             let mut start = vec![0_u32; self.m.n_left + 1];
-            self.m.left.iter().for_each(|&k| start[k as usize + 1] += 1);
-            (0..self.m.n_left).for_each(|k| start[k + 1] += start[k]);
+            for &k in &self.m.left {
+                start[k as usize + 1] += 1;
+            }
+            for k in 0..self.m.n_left {
+                start[k + 1] += start[k];
+            }
             let mut lap = Lap::default();
             if lap
                 .solve(
@@ -124,15 +128,20 @@ impl<'a> Search<'a> {
             return true;
         }
         self.note();
-        // Largest potential first: own gain plus the better half of what it could still earn.
+        self.grow();
+        true
+    }
+
+    /// Greedy insertion into the present assignment, by gain plus an estimate of what the candidate will still earn.
+    fn grow(&mut self) {
         let m = self.m;
-        let mut potential: Vec<i64> = (0..m.left.len())
+        let share = 2 * m.n_left as i64;
+        let potential: Vec<i64> = (0..m.left.len())
             .map(|a| {
-                m.linear[a]
-                    + m.val[m.row[a]..m.row[a + 1]]
-                        .iter()
-                        .map(|&h| h.max(0) / 2 / (m.n_left as i64))
-                        .sum::<i64>()
+                m.val[m.row[a]..m.row[a + 1]]
+                    .iter()
+                    .map(|&h| h.max(0) / share)
+                    .sum()
             })
             .collect();
         loop {
@@ -140,20 +149,19 @@ impl<'a> Search<'a> {
                 self.at_left[m.left[*a] as usize] == NONE
                     && self.at_right[m.right[*a] as usize] == NONE
             };
+            let score = |a: usize| self.gain[a] + potential[a];
             let Some(a) = (0..m.left.len())
                 .filter(free)
-                .max_by_key(|&a| (self.gain[a] + potential[a], std::cmp::Reverse(a)))
+                .max_by_key(|&a| (score(a), std::cmp::Reverse(a)))
             else {
                 break;
             };
-            if self.gain[a] + potential[a] <= 0 {
+            if score(a) <= 0 {
                 break;
             }
-            potential[a] = 0;
             self.insert(a);
             self.note();
         }
-        true
     }
 
     fn load(&mut self, set: &[u32]) {
@@ -161,19 +169,32 @@ impl<'a> Search<'a> {
         self.at_right.fill(NONE);
         self.gain.clone_from(&self.m.linear);
         self.value = 0;
-        set.iter().for_each(|&a| self.insert(a as usize));
+        for &a in set {
+            self.insert(a as usize);
+        }
         self.note();
     }
 
-    /// Random moves, more of them in later rounds.
+    /// A new start. Odd rounds: a few random moves from the best. Even rounds: grown from two random candidates, or where all must be
+    /// matched, as many random moves as there are lefts.
     fn disturb(&mut self, round: usize) {
         let n = self.m.left.len() as u64;
-        let moves = 2 + (round % 6) * self.m.n_left / 12;
+        let mut moves = 2 + self.m.n_left / 8;
+        if round.is_multiple_of(2) {
+            moves = 2 + self.m.n_left;
+            if !self.m.mandatory {
+                self.load(&[]);
+                moves = 2;
+            }
+        }
         for _ in 0..moves {
             let a = self.next_random(n) as usize;
             if let Some(change) = self.evaluate(a) {
                 self.apply(change);
             }
+        }
+        if !self.m.mandatory {
+            self.grow();
         }
     }
 
