@@ -1,6 +1,12 @@
 //! Known optima of QAPLIB instances, where the data set lies beside the repository (`../shared/data/qaplib` from the workspace root,
 //! or from a directory above it).
 
+#![expect(clippy::float_cmp, reason = "exact equality is what is claimed")]
+#![expect(
+    clippy::unwrap_used,
+    reason = "a test file outside any test function's scope"
+)]
+
 use salient_kernels::assignment::{Control, Limits, Problem, Solution, solve};
 use std::path::{Path, PathBuf};
 use std::time::Instant;

@@ -214,7 +214,7 @@ impl Grid {
         let limit = (1_i64 << 60) / (n_left.max(p.n_left).max(p.n_right) as i64 + 4);
         let room = (limit >> 6) as f64;
         let exponent = if total > 0.0 {
-            ((room / total).log2().floor()).clamp(-2000.0, 2000.0) as i32 - 1
+            (room.log2() - total.log2()).floor().clamp(-2000.0, 2000.0) as i32 - 1
         } else {
             0
         };
