@@ -87,21 +87,19 @@ pub(super) struct Scratch {
 impl Sub {
     pub fn root(m: &Model) -> Self {
         let n = m.left.len();
-        let mut mate = vec![0_u32; m.col.len()];
-        let mut next: Vec<usize> = m.row[..n].to_vec();
+        let mut next: Vec<u32> = m.row[..n].iter().map(|&e| e as u32).collect();
+        let (mut mate, mut w) = (
+            Vec::with_capacity(m.col.len()),
+            Vec::with_capacity(m.col.len()),
+        );
         // Rows ascend, so the entries of column b are met in the order in which row b lists them.
         for a in 0..n {
-            for e in m.row[a]..m.row[a + 1] {
-                let b = m.col[e] as usize;
-                mate[e] = next[b] as u32;
+            let range = m.row[a]..m.row[a + 1];
+            for (&b, &h) in m.col[range.clone()].iter().zip(&m.val[range]) {
+                let b = b as usize;
+                mate.push(next[b]);
                 next[b] += 1;
-            }
-        }
-        let mut w = m.val.clone();
-        for a in 0..n {
-            for e in m.row[a]..m.row[a + 1] {
-                let half = m.val[e] >> 1;
-                w[e] = if (m.col[e] as usize) < a { half } else { m.val[e] - half };
+                w.push(if b < a { h >> 1 } else { h - (h >> 1) });
             }
         }
         let mut sub = Self {
@@ -171,18 +169,21 @@ impl Sub {
         if self.lead(s, how.threshold) {
             return Outcome::Pruned;
         }
+        // Single sweeps may gain nothing on the way; three in a row seldom.
+        let mut recent = [0_i64; 3];
         for sweep in 0..how.sweeps {
             if (how.stop)() || self.vars.is_empty() {
                 break;
             }
             let before = self.bound;
+            self.spread();
             self.stars(s, Some((how.threshold, sweep)));
             if self.lead(s, how.threshold) {
                 return Outcome::Pruned;
             }
-            let gain = before - self.bound;
+            recent = [recent[1], recent[2], before - self.bound];
             let missing = self.bound - how.threshold;
-            if gain.saturating_mul(how.patience) < missing {
+            if sweep >= 2 && recent.iter().sum::<i64>().saturating_mul(how.patience) < 3 * missing {
                 break;
             }
         }
@@ -193,7 +194,11 @@ impl Sub {
     fn stars(&mut self, s: &mut Scratch, push: Option<(i64, usize)>) {
         let n = self.vars.len();
         for at in 0..n {
-            let a = if push.is_some_and(|p| p.1 % 2 == 1) { n - 1 - at } else { at };
+            let a = if push.is_some_and(|p| p.1 % 2 == 1) {
+                n - 1 - at
+            } else {
+                at
+            };
             if !self.alive(a) {
                 continue;
             }
@@ -210,7 +215,14 @@ impl Sub {
             }
             s.start.resize(self.n_left() + 1, range.len() as u32);
             let own = self.left[a] as usize;
-            let value = s.star.solve(&s.start, &s.rights, &self.w[range], self.n_right, !self.dense, own);
+            let value = s.star.solve(
+                &s.start,
+                &s.rights,
+                &self.w[range],
+                self.n_right,
+                !self.dense,
+                own,
+            );
             let Some(value) = value else {
                 self.kill(a);
                 continue;
@@ -222,34 +234,64 @@ impl Sub {
         }
     }
 
-    /// Moves the slack of row `a` to its mates, and excludes pairs.
+    /// The most entries of a row that one assignment can use.
+    fn others(&self) -> i64 {
+        (self.n_left().min(self.n_right) as i64 - 1).max(1)
+    }
+
+    /// Hands every variable's slack to its row, from where the mates profit. This only pays off between a leaders' problem and the stars that
+    /// follow: slack handed on as soon as it appears would never lower the leaders' problem.
+    fn spread(&mut self) {
+        let others = self.others();
+        for a in 0..self.vars.len() {
+            let share = if self.alive(a) {
+                self.slack[a] / others
+            } else {
+                0
+            };
+            if share == 0 {
+                continue;
+            }
+            for e in self.entries(a) {
+                if self.w[e] != FORBIDDEN {
+                    self.shift(e, share);
+                }
+            }
+            self.star[a] += share * others;
+            self.slack[a] -= share * others;
+        }
+    }
+
+    /// Moves `delta` >= 0 of a pair's score into the share of entry `e`, unless a share would leave its range.
+    fn shift(&mut self, e: usize, delta: i64) {
+        let mate = self.mate[e] as usize;
+        if self.w[mate] - delta > -self.limit && self.w[e] + delta < self.limit {
+            self.w[e] += delta;
+            self.w[mate] -= delta;
+        }
+    }
+
+    /// Moves the slack of row `a`'s entries to their mates, and excludes pairs.
     fn push(&mut self, s: &Scratch, a: usize, threshold: i64) {
         let own = (self.left[a] as usize, self.right[a] as usize);
         // The bound's duals are those of the last leaders' problem; the star may have fallen since.
-        let slack = self.u[own.0] + self.v[own.1] - self.c[a] - self.star[a];
-        let others = (self.n_left().min(self.n_right) as i64 - 1).max(1);
-        let spread = slack.max(0) / others;
-        let room = self.bound - threshold - slack;
+        self.slack[a] = self.u[own.0] + self.v[own.1] - self.c[a] - self.star[a];
+        let room = self.bound - threshold - self.slack[a];
         for e in self.entries(a) {
             if self.w[e] == FORBIDDEN {
                 continue;
             }
             let b = self.col[e] as usize;
-            let top = s.star.u[self.left[b] as usize] + s.star.v[self.right[b] as usize];
-            let mate = self.mate[e] as usize;
-            if top - self.w[e] + self.slack[b] >= room {
+            let spare =
+                s.star.u[self.left[b] as usize] + s.star.v[self.right[b] as usize] - self.w[e];
+            if spare + self.slack[b] >= room {
                 self.w[e] = FORBIDDEN;
-                self.w[mate] = FORBIDDEN;
-                continue;
-            }
-            let delta = top + spread - self.w[e];
-            if self.w[mate] - delta > -self.limit && self.w[e] + delta < self.limit {
-                self.w[e] += delta;
-                self.w[mate] -= delta;
+                self.w[self.mate[e] as usize] = FORBIDDEN;
+            } else {
+                // A quarter stays behind: measured to fall faster than handing on everything.
+                self.shift(e, spare - spare / 4);
             }
         }
-        self.star[a] += spread * others;
-        self.slack[a] = slack - spread * others;
     }
 
     /// Excludes a variable.
@@ -264,20 +306,38 @@ impl Sub {
     /// Combines the stars. True when pruned.
     fn lead(&mut self, s: &mut Scratch, threshold: i64) -> bool {
         self.leader.clear();
-        self.leader
-            .extend(self.c.iter().zip(&self.star).map(|(&c, &t)| if c == FORBIDDEN { FORBIDDEN } else { c + t }));
-        let value = s.lap.solve(&self.start, &self.right, &self.leader, self.n_right, !self.mandatory, usize::MAX);
+        self.leader.extend(
+            self.c
+                .iter()
+                .zip(&self.star)
+                .map(|(&c, &t)| if c == FORBIDDEN { FORBIDDEN } else { c + t }),
+        );
+        let value = s.lap.solve(
+            &self.start,
+            &self.right,
+            &self.leader,
+            self.n_right,
+            !self.mandatory,
+            usize::MAX,
+        );
         let Some(value) = value else { return true };
         self.u.clone_from(&s.lap.u);
         self.v.clone_from(&s.lap.v);
-        self.matching = s.lap.used.iter().copied().filter(|&e| e != u32::MAX).collect();
+        self.matching = s
+            .lap
+            .used
+            .iter()
+            .copied()
+            .filter(|&e| e != u32::MAX)
+            .collect();
         self.bound = self.base + value;
         if self.bound <= threshold {
             return true;
         }
         for a in 0..self.vars.len() {
             if self.alive(a) {
-                self.slack[a] = self.u[self.left[a] as usize] + self.v[self.right[a] as usize] - self.leader[a];
+                self.slack[a] =
+                    self.u[self.left[a] as usize] + self.v[self.right[a] as usize] - self.leader[a];
                 if self.bound - self.slack[a] <= threshold {
                     self.kill(a);
                 }
@@ -292,7 +352,10 @@ impl Sub {
         let mut consider = |options: Vec<(i64, Branch)>| {
             let gap = (self.bound - threshold).max(1) as f64;
             // Bounds far above the threshold weigh most; pruned branches nothing.
-            let weight: f64 = options.iter().map(|o| ((o.0 - threshold) as f64 / gap).powi(2)).sum();
+            let weight: f64 = options
+                .iter()
+                .map(|o| ((o.0 - threshold) as f64 / gap).powi(2))
+                .sum();
             if best.as_ref().is_none_or(|b| weight < b.0) {
                 best = Some((weight, options));
             }
@@ -310,7 +373,9 @@ impl Sub {
             consider(options);
         }
         let mut of_right: Vec<Vec<(i64, Branch)>> = vec![Vec::new(); self.n_right];
-        (0..self.vars.len()).filter(|&a| self.alive(a)).for_each(|a| of_right[self.right[a] as usize].push(take(a)));
+        (0..self.vars.len())
+            .filter(|&a| self.alive(a))
+            .for_each(|a| of_right[self.right[a] as usize].push(take(a)));
         let all_used = self.mandatory && self.n_left() == self.n_right;
         for (l, mut options) in of_right.into_iter().enumerate() {
             if options.is_empty() {
@@ -354,13 +419,21 @@ impl Sub {
             Branch::DropLeft(k) => gone_left = k,
             Branch::DropRight(l) => gone_right = l,
         }
-        for a in 0..n {
-            keep[a] &= self.left[a] != gone_left && self.right[a] != gone_right;
+        for (a, keep) in keep.iter_mut().enumerate() {
+            *keep &= self.left[a] != gone_left && self.right[a] != gone_right;
         }
         self.compress(&keep, &c, base, fixed, gone_left, gone_right)
     }
 
-    fn compress(&self, keep: &[bool], c: &[i64], base: i64, fixed: Vec<u32>, gone_left: u32, gone_right: u32) -> Self {
+    fn compress(
+        &self,
+        keep: &[bool],
+        c: &[i64],
+        base: i64,
+        fixed: Vec<u32>,
+        gone_left: u32,
+        gone_right: u32,
+    ) -> Self {
         let n = self.vars.len();
         let (mut index, mut count) = (vec![u32::MAX; n], 0);
         for a in 0..n {

@@ -54,7 +54,7 @@ impl<'a> Search<'a> {
 
     /// `starts` runs of `iterations` moves each: the first from the greedy assignment, later ones from a disturbed best.
     pub fn run(&mut self, starts: usize, iterations: usize, stop: &dyn Fn() -> bool) {
-        if !self.construct() {
+        if !self.construct() || self.m.left.is_empty() {
             return;
         }
         for round in 0..starts {
@@ -66,7 +66,7 @@ impl<'a> Search<'a> {
             self.tabu.fill(0);
             let (mut idle, mut round_best) = (0, self.value);
             while idle < iterations {
-                if self.clock % 64 == 0 && stop() {
+                if self.clock.is_multiple_of(64) && stop() {
                     return;
                 }
                 if !self.step() {
@@ -104,40 +104,64 @@ impl<'a> Search<'a> {
         if self.m.mandatory {
             // Any assignment that serves every left: the best by linear scores.
             let mut start = vec![0_u32; self.m.n_left + 1];
-            self.m.left.iter().for_each(|&k| start[k as usize + 1] += 1);
-            (0..self.m.n_left).for_each(|k| start[k + 1] += start[k]);
+            for &k in &self.m.left {
+                start[k as usize + 1] += 1;
+            }
+            for k in 0..self.m.n_left {
+                start[k + 1] += start[k];
+            }
             let mut lap = Lap::default();
-            if lap.solve(&start, &self.m.right, &self.m.linear, self.m.n_right, false, usize::MAX).is_none() {
+            if lap
+                .solve(
+                    &start,
+                    &self.m.right,
+                    &self.m.linear,
+                    self.m.n_right,
+                    false,
+                    usize::MAX,
+                )
+                .is_none()
+            {
                 return false;
             }
             self.load(&lap.used);
             return true;
         }
         self.note();
-        // Largest potential first: own gain plus the better half of what it could still earn.
+        self.grow();
+        true
+    }
+
+    /// Greedy insertion into the present assignment, by gain plus an estimate of what the candidate will still earn.
+    fn grow(&mut self) {
         let m = self.m;
-        let mut potential: Vec<i64> = (0..m.left.len())
+        let share = 2 * m.n_left as i64;
+        let potential: Vec<i64> = (0..m.left.len())
             .map(|a| {
-                m.linear[a]
-                    + m.val[m.row[a]..m.row[a + 1]].iter().map(|&h| h.max(0) / 2 / (m.n_left as i64)).sum::<i64>()
+                m.val[m.row[a]..m.row[a + 1]]
+                    .iter()
+                    .map(|&h| h.max(0) / share)
+                    .sum()
             })
             .collect();
         loop {
-            let free =
-                |a: &usize| self.at_left[m.left[*a] as usize] == NONE && self.at_right[m.right[*a] as usize] == NONE;
-            let Some(a) =
-                (0..m.left.len()).filter(free).max_by_key(|&a| (self.gain[a] + potential[a], std::cmp::Reverse(a)))
+            let free = |a: &usize| {
+                self.at_left[m.left[*a] as usize] == NONE
+                    && self.at_right[m.right[*a] as usize] == NONE
+            };
+            let score = |a: usize| self.gain[a] + potential[a];
+            let Some(a) = (0..m.left.len())
+                .filter(free)
+                .max_by_key(|&a| (score(a), std::cmp::Reverse(a)))
             else {
                 break;
             };
-            if self.gain[a] + potential[a] <= 0 {
+            if score(a) <= 0 {
                 break;
             }
-            potential[a] = 0;
             self.insert(a);
             self.note();
         }
-        true
     }
 
     fn load(&mut self, set: &[u32]) {
@@ -145,19 +169,32 @@ impl<'a> Search<'a> {
         self.at_right.fill(NONE);
         self.gain.clone_from(&self.m.linear);
         self.value = 0;
-        set.iter().for_each(|&a| self.insert(a as usize));
+        for &a in set {
+            self.insert(a as usize);
+        }
         self.note();
     }
 
-    /// Random moves, more of them in later rounds.
+    /// A new start. Odd rounds: a few random moves from the best. Even rounds: grown from two random candidates, or where all must be
+    /// matched, as many random moves as there are lefts.
     fn disturb(&mut self, round: usize) {
         let n = self.m.left.len() as u64;
-        let moves = 2 + (round % 6) * self.m.n_left / 12;
+        let mut moves = 2 + self.m.n_left / 8;
+        if round.is_multiple_of(2) {
+            moves = 2 + self.m.n_left;
+            if !self.m.mandatory {
+                self.load(&[]);
+                moves = 2;
+            }
+        }
         for _ in 0..moves {
             let a = self.next_random(n) as usize;
             if let Some(change) = self.evaluate(a) {
                 self.apply(change);
             }
+        }
+        if !self.m.mandatory {
+            self.grow();
         }
     }
 
@@ -194,7 +231,10 @@ impl<'a> Search<'a> {
                 rejoin: NONE,
             });
         }
-        let eject = [self.at_left[m.left[a] as usize], self.at_right[m.right[a] as usize]];
+        let eject = [
+            self.at_left[m.left[a] as usize],
+            self.at_right[m.right[a] as usize],
+        ];
         let mut delta = self.gain[a];
         for b in eject.into_iter().filter(|&b| b != NONE) {
             delta -= self.gain[b as usize];
@@ -214,14 +254,22 @@ impl<'a> Search<'a> {
         if m.mandatory && eject[1] != NONE && rejoin == NONE {
             return None;
         }
-        Some(Move { delta, insert: a as u32, eject, rejoin })
+        Some(Move {
+            delta,
+            insert: a as u32,
+            eject,
+            rejoin,
+        })
     }
 
     fn find(&self, left: u32, right: u32) -> Option<usize> {
         let m = self.m;
         let from = m.left.partition_point(|&k| k < left);
         let to = from + m.left[from..].partition_point(|&k| k == left);
-        m.right[from..to].binary_search(&right).ok().map(|at| from + at)
+        m.right[from..to]
+            .binary_search(&right)
+            .ok()
+            .map(|at| from + at)
     }
 
     /// The best admissible move; false if there is none.
@@ -230,9 +278,13 @@ impl<'a> Search<'a> {
         let mut best: Option<Move> = None;
         let mut ties = 0;
         for a in 0..self.m.left.len() {
-            let Some(change) = self.evaluate(a) else { continue };
+            let Some(change) = self.evaluate(a) else {
+                continue;
+            };
             let held = |b: u32| b != NONE && self.tabu[b as usize] > self.clock;
-            let tabu = held(change.insert) || held(change.rejoin) || change.insert == NONE && held(change.eject[0]);
+            let tabu = held(change.insert)
+                || held(change.rejoin)
+                || change.insert == NONE && held(change.eject[0]);
             if tabu && self.value + change.delta <= self.best {
                 continue;
             }
@@ -258,7 +310,10 @@ impl<'a> Search<'a> {
             self.remove(b as usize);
             self.tabu[b as usize] = self.clock + tenure + self.next_random(tenure);
         }
-        for a in [change.insert, change.rejoin].into_iter().filter(|&a| a != NONE) {
+        for a in [change.insert, change.rejoin]
+            .into_iter()
+            .filter(|&a| a != NONE)
+        {
             self.insert(a as usize);
             self.tabu[a as usize] = self.clock + 2 + self.next_random(tenure / 2 + 1);
         }
@@ -269,7 +324,12 @@ impl<'a> Search<'a> {
         let complete = !self.m.mandatory || self.at_left.iter().all(|&a| a != NONE);
         if complete && self.value > self.best {
             self.best = self.value;
-            self.best_set = self.at_left.iter().copied().filter(|&a| a != NONE).collect();
+            self.best_set = self
+                .at_left
+                .iter()
+                .copied()
+                .filter(|&a| a != NONE)
+                .collect();
         }
     }
 }
