@@ -220,18 +220,17 @@ impl Surgery {
             .iter()
             .zip(&self.alive)
             .filter(|(_, alive)| **alive);
-        let mut edges: Vec<[u32; 2]> = live
-            .flat_map(|(&[a, b, c], _)| {
-                [
-                    [a.min(b), a.max(b)],
-                    [b.min(c), b.max(c)],
-                    [c.min(a), c.max(a)],
-                ]
-            })
+        // Packed into one word each, they sort faster.
+        let pack = |a: u32, b: u32| u64::from(a.min(b)) << 32 | u64::from(a.max(b));
+        let mut edges: Vec<u64> = live
+            .flat_map(|(&[a, b, c], _)| [pack(a, b), pack(b, c), pack(c, a)])
             .collect();
         edges.sort_unstable();
         edges.dedup();
         edges
+            .into_iter()
+            .map(|e| [(e >> 32) as u32, e as u32])
+            .collect()
     }
 
     /// The live vertices, ascending, and the live faces over their new numbers.

@@ -124,13 +124,15 @@ impl<'a> Remesher<'a> {
         length2 * magnified(r) * magnified(s)
     }
 
-    /// The edges with their squared magnified lengths, ascending.
-    fn by_length(&self) -> Vec<(f64, [u32; 2])> {
-        let mut edges: Vec<(f64, [u32; 2])> = self
+    /// The edges whose squared magnified length is in `range`, ascending.
+    fn by_length(&self, range: std::ops::Range<f64>) -> Vec<(f64, [u32; 2])> {
+        let measured = self
             .mesh
             .edges()
             .into_iter()
-            .map(|[a, b]| (self.length2(a, b), [a, b]))
+            .map(|[a, b]| (self.length2(a, b), [a, b]));
+        let mut edges: Vec<(f64, [u32; 2])> = measured
+            .filter(|(length2, _)| range.contains(length2))
             .collect();
         edges.sort_unstable_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
         edges
@@ -160,8 +162,12 @@ impl<'a> Remesher<'a> {
     /// Splits edges longer than `limit`, the longest first, while there are fewer than `most` vertices.
     fn split_long(&mut self, limit: f64, most: usize) {
         let mut count = self.count();
-        for (length2, [a, b]) in self.by_length().into_iter().rev() {
-            if length2 <= limit * limit || count >= most {
+        for (_, [a, b]) in self
+            .by_length(limit * limit..f64::INFINITY)
+            .into_iter()
+            .rev()
+        {
+            if count >= most {
                 break;
             }
             let place = self.middle(a, b);
@@ -177,7 +183,7 @@ impl<'a> Remesher<'a> {
     /// more than `least` vertices.
     fn collapse_short(&mut self, limit: f64, longest: f64, least: usize) {
         let mut count = self.count();
-        for (_, [a, b]) in self.by_length() {
+        for (_, [a, b]) in self.by_length(0.0..limit * limit) {
             if count <= least {
                 break;
             }
