@@ -28,9 +28,9 @@ impl Surgery {
             if a == b || b == c || c == a {
                 alive[f] = false;
             } else {
-                [a, b, c]
-                    .iter()
-                    .for_each(|&v| star[v as usize].push(f as u32));
+                for v in [a, b, c] {
+                    star[v as usize].push(f as u32);
+                }
             }
         }
         Self {

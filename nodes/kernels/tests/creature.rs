@@ -1,4 +1,6 @@
 //! Creatures: topology, shape of triangles, ground truth, symmetry, near-isometry of poses.
+#![allow(clippy::unwrap_used)] // Helpers of tests fail by panicking, as tests do.
+#![allow(clippy::float_cmp)] // Values taken over unchanged are compared as such.
 
 mod geom;
 

@@ -150,9 +150,9 @@ impl Grid {
         let (mut inner, mut outer) = (Vec::with_capacity(4), Vec::with_capacity(4));
         for c in corners {
             if is_inside(&c) {
-                inner.push(c)
+                inner.push(c);
             } else {
-                outer.push(c)
+                outer.push(c);
             }
         }
         let mut cut = |a: (usize, usize), b: (usize, usize)| self.cut(a, b, out);

@@ -161,21 +161,14 @@ impl<'a> Remesher<'a> {
 
     /// Splits edges longer than `limit`, the longest first, while there are fewer than `most` vertices.
     fn split_long(&mut self, limit: f64, most: usize) {
-        let mut count = self.count();
-        for (_, [a, b]) in self
-            .by_length(limit * limit..f64::INFINITY)
-            .into_iter()
-            .rev()
-        {
-            if count >= most {
-                break;
-            }
+        let room = most.saturating_sub(self.count());
+        let long = self.by_length(limit * limit..f64::INFINITY);
+        for (_, [a, b]) in long.into_iter().rev().take(room) {
             let place = self.middle(a, b);
             self.mesh.split(a, b);
             self.rest.push(place.rest);
             self.posed.push(place.posed);
             self.thickness.push(place.thickness);
-            count += 1;
         }
     }
 
