@@ -207,9 +207,10 @@ impl Surgery {
                     0.0
                 }
             };
-            // A face without area before has no direction to keep.
-            let turned = norm(old) > 0.0 && dot(old, new) < least * norm(old) * norm(new);
-            !turned && shape(to, new) > flattest.min(0.5 * shape(points[v as usize], old))
+            let was = shape(points[v as usize], old);
+            // A face that was flat had no direction worth keeping.
+            let turned = was > flattest && dot(old, new) < least * norm(old) * norm(new);
+            !turned && shape(to, new) > flattest.min(0.5 * was)
         })
     }
 

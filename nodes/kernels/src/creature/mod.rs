@@ -115,7 +115,7 @@ pub fn generate(params: &CreatureParams) -> Result<Creature, CreatureError> {
     let frame = RestSurface::grid_frame(&mut random);
     // Cells about as long as the edges to come, but no longer than the thinnest limb needs.
     let spacing = 2.0 / (params.vertices as f64).sqrt();
-    let cell = spacing.min(0.9 * surface.thinnest());
+    let cell = spacing.min(1.1 * surface.thinnest());
     let (vertices, faces) = grid::march(
         |p| surface.level(p),
         |p, r| surface.clear(p, r),

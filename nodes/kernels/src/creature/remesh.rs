@@ -10,7 +10,7 @@ use crate::vec3::{add, distance2, dot, lerp, norm, normal, scale, sub};
 
 /// No operation turns a face by more than this cosine, or leaves it flatter than this (height over longest edge).
 const TURN: f64 = 0.5;
-const FLATTEST: f64 = 0.05;
+const FLATTEST: f64 = 0.15;
 
 /// A mesh on a posed surface.
 pub(super) struct Remesher<'a> {
@@ -71,8 +71,8 @@ impl<'a> Remesher<'a> {
         let area: f64 = live.map(|(f, _)| norm(self.normal(*f)) / 2.0).sum();
         // A vertex of a regular triangulation has two triangles of area sqrt(3)/4 L^2.
         let mut edge = (area / (count as f64 * 0.75f64.sqrt())).sqrt();
-        // About six edges around the thinnest limb.
-        self.thick = edge;
+        // At least about eight edges around a limb.
+        self.thick = 1.25 * edge;
         for round in 0..6 {
             self.split_long(4.0 / 3.0 * edge, usize::MAX);
             // From a fine grid, growing limits collapse evenly instead of eating one region first.

@@ -287,7 +287,7 @@ impl Skeleton {
             )
         };
         // The thicker the leg, the more a swing would stretch the skin about the hip.
-        let swing = (1.9 / p.leg).min(20.0);
+        let swing = (1.6 / p.leg).min(20.0);
         for (side, (paw, joint)) in [1.0, -1.0].into_iter().zip(names) {
             let at =
                 |spread: f64, y: f64, dz: f64| [side * (p.stance + spread * p.splay), y, z + dz];
