@@ -173,7 +173,9 @@ impl<'a> DiscCutter<'a> {
                 }
             }
         }
-        on.into_iter().for_each(|v| self.side[v as usize] = Side::On);
+        for v in on {
+            self.side[v as usize] = Side::On;
+        }
     }
 
     fn unclipped(&self, near: &[u32]) -> Pieces {

@@ -147,7 +147,9 @@ impl Decimation {
             }
             let unit = scale(doubled, 1.0 / size);
             let plane = Quadric::plane(unit, a, size / 2.0);
-            corners.iter().for_each(|&v| quadrics[v as usize] = quadrics[v as usize].sum(&plane));
+            for &v in corners {
+                quadrics[v as usize] = quadrics[v as usize].sum(&plane);
+            }
             for k in 0..3 {
                 let (u, v) = (corners[k], corners[(k + 1) % 3]);
                 if mesh.sides(u, v).len() == 1 {
@@ -156,8 +158,14 @@ impl Decimation {
                     let wall = cross(along, unit);
                     let length = norm(wall);
                     if length > 0.0 {
-                        let plane = Quadric::plane(scale(wall, 1.0 / length), p, BOUNDARY * length * length);
-                        [u, v].iter().for_each(|&w| quadrics[w as usize] = quadrics[w as usize].sum(&plane));
+                        let plane = Quadric::plane(
+                            scale(wall, 1.0 / length),
+                            p,
+                            BOUNDARY * length * length,
+                        );
+                        for w in [u, v] {
+                            quadrics[w as usize] = quadrics[w as usize].sum(&plane);
+                        }
                     }
                 }
             }

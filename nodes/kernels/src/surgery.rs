@@ -28,9 +28,9 @@ impl Surgery {
             if a == b || b == c || c == a {
                 alive[f] = false;
             } else {
-                [a, b, c]
-                    .iter()
-                    .for_each(|&v| star[v as usize].push(f as u32));
+                for v in [a, b, c] {
+                    star[v as usize].push(f as u32);
+                }
             }
         }
         Self {
@@ -207,9 +207,10 @@ impl Surgery {
                     0.0
                 }
             };
-            // A face without area before has no direction to keep.
-            let turned = norm(old) > 0.0 && dot(old, new) < least * norm(old) * norm(new);
-            !turned && shape(to, new) > flattest.min(0.5 * shape(points[v as usize], old))
+            let was = shape(points[v as usize], old);
+            // A face that was flat had no direction worth keeping.
+            let turned = was > flattest && dot(old, new) < least * norm(old) * norm(new);
+            !turned && shape(to, new) > flattest.min(0.5 * was)
         })
     }
 
@@ -220,18 +221,17 @@ impl Surgery {
             .iter()
             .zip(&self.alive)
             .filter(|(_, alive)| **alive);
-        let mut edges: Vec<[u32; 2]> = live
-            .flat_map(|(&[a, b, c], _)| {
-                [
-                    [a.min(b), a.max(b)],
-                    [b.min(c), b.max(c)],
-                    [c.min(a), c.max(a)],
-                ]
-            })
+        // Packed into one word each, they sort faster.
+        let pack = |a: u32, b: u32| u64::from(a.min(b)) << 32 | u64::from(a.max(b));
+        let mut edges: Vec<u64> = live
+            .flat_map(|(&[a, b, c], _)| [pack(a, b), pack(b, c), pack(c, a)])
             .collect();
         edges.sort_unstable();
         edges.dedup();
         edges
+            .into_iter()
+            .map(|e| [(e >> 32) as u32, e as u32])
+            .collect()
     }
 
     /// The live vertices, ascending, and the live faces over their new numbers.

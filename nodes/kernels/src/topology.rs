@@ -69,9 +69,17 @@ pub fn components(vertex_count: usize, faces: &[[u32; 3]]) -> Result<Components,
     }
     let (label, count) = sets.labels();
     let (mut vertices, mut per_face) = (vec![0; count], vec![0; count]);
-    label.iter().for_each(|&l| vertices[l as usize] += 1);
-    faces.iter().for_each(|f| per_face[label[f[0] as usize] as usize] += 1);
-    Ok(Components { label, vertices, faces: per_face })
+    for &l in &label {
+        vertices[l as usize] += 1;
+    }
+    for f in faces {
+        per_face[label[f[0] as usize] as usize] += 1;
+    }
+    Ok(Components {
+        label,
+        vertices,
+        faces: per_face,
+    })
 }
 
 /// What keeps a mesh from being a clean closed surface, item by item.
@@ -125,7 +133,7 @@ pub fn census(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Result<Census, MeshE
         euler[components.label[ends[0] as usize] as usize] -= 1;
         match edges.faces.row(e) {
             &[left, right] if forward(faces, left, ends) == forward(faces, right, ends) => {
-                inconsistent_edges.push(ends)
+                inconsistent_edges.push(ends);
             }
             row if row.len() > 2 => non_manifold_edges.push(ends),
             _ => {}
@@ -236,8 +244,8 @@ fn boundary(fans: &Fans, edges: &Edges) -> (usize, usize) {
     let mut on_boundary = vec![false; fans.vertex.len()];
     let mut count = 0;
     for (face, sides) in edges.face_edges.iter().enumerate() {
-        for k in 0..3 {
-            if sides[k] != adjacency::NO_EDGE && edges.faces.row(sides[k] as usize).len() == 1 {
+        for (k, &side) in sides.iter().enumerate() {
+            if side != adjacency::NO_EDGE && edges.faces.row(side as usize).len() == 1 {
                 let (i, j) = (fans.corner[face][k], fans.corner[face][(k + 1) % 3]);
                 sets.join(i, j);
                 on_boundary[i as usize] = true;

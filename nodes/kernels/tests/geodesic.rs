@@ -1,4 +1,6 @@
 //! Graph geodesics against analytic distances on plane, sphere and cylinder, and against the laws of a metric.
+#![allow(clippy::unwrap_used)] // Helpers of tests fail by panicking, as tests do.
+#![allow(clippy::float_cmp)] // Values taken over unchanged are compared as such.
 
 mod geom;
 
@@ -108,7 +110,9 @@ fn distances_are_a_metric() {
 /// Bellman-Ford relaxation to the fixed point: another algorithm for the same numbers.
 fn relaxed(graph: &Graph, sources: &[u32]) -> Vec<f64> {
     let mut d = vec![f64::INFINITY; graph.len()];
-    sources.iter().for_each(|&s| d[s as usize] = 0.0);
+    for &s in sources {
+        d[s as usize] = 0.0;
+    }
     let mut changed = true;
     while changed {
         changed = false;

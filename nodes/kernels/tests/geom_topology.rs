@@ -1,4 +1,6 @@
 //! Census and repairs on meshes whose defects are known by construction.
+#![allow(clippy::unwrap_used)] // Helpers of tests fail by panicking, as tests do.
+#![allow(clippy::float_cmp)] // Values taken over unchanged are compared as such.
 
 mod geom;
 

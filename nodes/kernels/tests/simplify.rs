@@ -1,4 +1,6 @@
 //! Decimation: topology, orientation, distance to the original, and independence of the unit of length.
+#![allow(clippy::unwrap_used)] // Helpers of tests fail by panicking, as tests do.
+#![allow(clippy::float_cmp)] // Values taken over unchanged are compared as such.
 
 mod geom;
 

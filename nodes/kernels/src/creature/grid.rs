@@ -21,15 +21,17 @@ struct Output {
     on_edge: Vec<u32>,
 }
 
-/// Meshes the zero level of `level` within the box `low`..`high`, outside which it must be positive. The grid has the given
+/// Meshes the zero level of `level` within the box `low`..`high`, outside which it must be positive, as it must be
+/// in balls (centre, radius) that are `clear`. The grid has the given
 /// cell, and is turned by a unit quaternion and moved by a fraction of a cell.
 pub(super) fn march(
     level: impl Fn([f64; 3]) -> f64,
+    clear: impl Fn([f64; 3], f64) -> bool,
     (low, high): ([f64; 3], [f64; 3]),
     cell: f64,
     (turn, offset): ([f64; 4], [f64; 3]),
 ) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
-    let grid = Grid::new(level, (low, high), cell, (turn, offset));
+    let grid = Grid::new(level, clear, (low, high), cell, (turn, offset));
     let mut out = Output {
         vertices: Vec::new(),
         faces: Vec::new(),
@@ -48,6 +50,7 @@ pub(super) fn march(
 impl Grid {
     fn new(
         level: impl Fn([f64; 3]) -> f64,
+        clear: impl Fn([f64; 3], f64) -> bool,
         (low, high): ([f64; 3], [f64; 3]),
         cell: f64,
         (turn, offset): ([f64; 4], [f64; 3]),
@@ -78,9 +81,38 @@ impl Grid {
             turn,
             level: Vec::new(),
         };
-        let count = size.iter().product();
-        grid.level = (0..count).map(|n| level(grid.point(n))).collect();
+        grid.fill(level, clear);
         grid
+    }
+
+    /// Evaluates the level, block by block; blocks that are clear of the surface are just outside.
+    fn fill(&mut self, level: impl Fn([f64; 3]) -> f64, clear: impl Fn([f64; 3], f64) -> bool) {
+        const SIDE: usize = 8;
+        let half = 0.5 * (SIDE - 1) as f64;
+        let reach = 3f64.sqrt() * half * self.cell;
+        self.level = vec![1.0; self.size.iter().product()];
+        let blocks = self.size.map(|n| n.div_ceil(SIDE));
+        for block in 0..blocks.iter().product() {
+            let (i, rest) = (block % blocks[0], block / blocks[0]);
+            let first = [i, rest % blocks[1], rest / blocks[1]].map(|b| b * SIDE);
+            if clear(self.place(first.map(|b| b as f64 + half)), reach) {
+                continue;
+            }
+            let last = [0, 1, 2].map(|k| (first[k] + SIDE).min(self.size[k]));
+            for z in first[2]..last[2] {
+                for y in first[1]..last[1] {
+                    for x in first[0]..last[0] {
+                        let n = self.index([x, y, z]);
+                        self.level[n] = level(self.point(n));
+                    }
+                }
+            }
+        }
+    }
+
+    /// The point at grid coordinates.
+    fn place(&self, at: [f64; 3]) -> [f64; 3] {
+        rotate(self.turn, add(self.origin, scale(at, self.cell)))
     }
 
     fn index(&self, [i, j, k]: [usize; 3]) -> usize {
@@ -90,13 +122,7 @@ impl Grid {
     fn point(&self, n: usize) -> [f64; 3] {
         let (i, rest) = (n % self.size[0], n / self.size[0]);
         let (j, k) = (rest % self.size[1], rest / self.size[1]);
-        rotate(
-            self.turn,
-            add(
-                self.origin,
-                scale([i as f64, j as f64, k as f64], self.cell),
-            ),
-        )
+        self.place([i as f64, j as f64, k as f64])
     }
 
     fn cube(&self, at: [usize; 3], out: &mut Output) {
@@ -124,9 +150,9 @@ impl Grid {
         let (mut inner, mut outer) = (Vec::with_capacity(4), Vec::with_capacity(4));
         for c in corners {
             if is_inside(&c) {
-                inner.push(c)
+                inner.push(c);
             } else {
-                outer.push(c)
+                outer.push(c);
             }
         }
         let mut cut = |a: (usize, usize), b: (usize, usize)| self.cut(a, b, out);

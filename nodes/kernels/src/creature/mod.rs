@@ -115,8 +115,14 @@ pub fn generate(params: &CreatureParams) -> Result<Creature, CreatureError> {
     let frame = RestSurface::grid_frame(&mut random);
     // Cells about as long as the edges to come, but no longer than the thinnest limb needs.
     let spacing = 2.0 / (params.vertices as f64).sqrt();
-    let cell = spacing.min(0.9 * surface.thinnest());
-    let (vertices, faces) = grid::march(|p| surface.level(p), surface.bounds(), cell, frame);
+    let cell = spacing.min(1.1 * surface.thinnest());
+    let (vertices, faces) = grid::march(
+        |p| surface.level(p),
+        |p, r| surface.clear(p, r),
+        surface.bounds(),
+        cell,
+        frame,
+    );
     let mesh = Remesher::new(&surface, &motions, &vertices, &faces).run(params.vertices);
     let census = topology::census(&mesh.posed, &mesh.faces).map_err(CreatureError::Mesh)?;
     if !census.is_closed_manifold() || census.euler != [2] {

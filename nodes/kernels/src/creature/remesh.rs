@@ -10,7 +10,7 @@ use crate::vec3::{add, distance2, dot, lerp, norm, normal, scale, sub};
 
 /// No operation turns a face by more than this cosine, or leaves it flatter than this (height over longest edge).
 const TURN: f64 = 0.5;
-const FLATTEST: f64 = 0.05;
+const FLATTEST: f64 = 0.15;
 
 /// A mesh on a posed surface.
 pub(super) struct Remesher<'a> {
@@ -71,8 +71,8 @@ impl<'a> Remesher<'a> {
         let area: f64 = live.map(|(f, _)| norm(self.normal(*f)) / 2.0).sum();
         // A vertex of a regular triangulation has two triangles of area sqrt(3)/4 L^2.
         let mut edge = (area / (count as f64 * 0.75f64.sqrt())).sqrt();
-        // About six edges around the thinnest limb.
-        self.thick = edge;
+        // At least about eight edges around a limb.
+        self.thick = 1.25 * edge;
         for round in 0..6 {
             self.split_long(4.0 / 3.0 * edge, usize::MAX);
             // From a fine grid, growing limits collapse evenly instead of eating one region first.
@@ -124,13 +124,15 @@ impl<'a> Remesher<'a> {
         length2 * magnified(r) * magnified(s)
     }
 
-    /// The edges with their squared magnified lengths, ascending.
-    fn by_length(&self) -> Vec<(f64, [u32; 2])> {
-        let mut edges: Vec<(f64, [u32; 2])> = self
+    /// The edges whose squared magnified length is in `range`, ascending.
+    fn by_length(&self, range: std::ops::Range<f64>) -> Vec<(f64, [u32; 2])> {
+        let measured = self
             .mesh
             .edges()
             .into_iter()
-            .map(|[a, b]| (self.length2(a, b), [a, b]))
+            .map(|[a, b]| (self.length2(a, b), [a, b]));
+        let mut edges: Vec<(f64, [u32; 2])> = measured
+            .filter(|(length2, _)| range.contains(length2))
             .collect();
         edges.sort_unstable_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
         edges
@@ -159,17 +161,14 @@ impl<'a> Remesher<'a> {
 
     /// Splits edges longer than `limit`, the longest first, while there are fewer than `most` vertices.
     fn split_long(&mut self, limit: f64, most: usize) {
-        let mut count = self.count();
-        for (length2, [a, b]) in self.by_length().into_iter().rev() {
-            if length2 <= limit * limit || count >= most {
-                break;
-            }
+        let room = most.saturating_sub(self.count());
+        let long = self.by_length(limit * limit..f64::INFINITY);
+        for (_, [a, b]) in long.into_iter().rev().take(room) {
             let place = self.middle(a, b);
             self.mesh.split(a, b);
             self.rest.push(place.rest);
             self.posed.push(place.posed);
             self.thickness.push(place.thickness);
-            count += 1;
         }
     }
 
@@ -177,7 +176,7 @@ impl<'a> Remesher<'a> {
     /// more than `least` vertices.
     fn collapse_short(&mut self, limit: f64, longest: f64, least: usize) {
         let mut count = self.count();
-        for (_, [a, b]) in self.by_length() {
+        for (_, [a, b]) in self.by_length(0.0..limit * limit) {
             if count <= least {
                 break;
             }

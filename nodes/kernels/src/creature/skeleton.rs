@@ -160,7 +160,7 @@ impl Skeleton {
             [p.rump, 0.93 * p.chest],
             [[0.0; 2]; 3],
         );
-        let range = [both(10.0), both(14.0), both(8.0)];
+        let range = [both(8.0), both(12.0), both(6.0)];
         let chest = skeleton.bone(
             Some(hips),
             [0.0, p.height, 0.0],
@@ -286,6 +286,8 @@ impl Skeleton {
                 [("hind paw +x", "knee +x"), ("hind paw -x", "knee -x")],
             )
         };
+        // The thicker the leg, the more a swing would stretch the skin about the hip.
+        let swing = (1.6 / p.leg).min(20.0);
         for (side, (paw, joint)) in [1.0, -1.0].into_iter().zip(names) {
             let at =
                 |spread: f64, y: f64, dz: f64| [side * (p.stance + spread * p.splay), y, z + dz];
@@ -298,14 +300,14 @@ impl Skeleton {
                 hip,
                 knee,
                 [radius, 0.5 * (radius + p.ankle)],
-                [both(26.0), [0.0; 2], both(5.0)],
+                [both(swing), [0.0; 2], both(5.0)],
             );
             let lower = self.bone(
                 Some(upper),
                 knee,
                 ankle,
                 [0.5 * (radius + p.ankle), p.ankle],
-                [[-6.0, 40.0], [0.0; 2], [0.0; 2]],
+                [[-6.0, 32.0], [0.0; 2], [0.0; 2]],
             );
             self.bone(
                 Some(lower),

@@ -4,68 +4,127 @@
 //! union whose blends are short, so that limbs close to each other do not grow together.
 
 use super::random::Random;
-use super::skeleton::{Skeleton, Species};
+use super::skeleton::{Bone, Skeleton, Species};
 use super::skin::Motion;
 use crate::vec3::{add, dot, scale, sub};
 
 /// Bones farther than this (in their radii) do not move a point.
 const REACH: f64 = 3.0;
 
+/// More than the eighth root of the number of bones.
+const BULGE: f64 = 1.5;
+
 /// The surface of one individual at rest, symmetric about x = 0.
 #[derive(Debug, Clone)]
 pub struct RestSurface {
     pub(super) skeleton: Skeleton,
+    axes: Vec<Axis>,
+}
+
+/// A bone with what the field needs of it again and again.
+#[derive(Debug, Clone, Copy)]
+struct Axis {
+    start: [f64; 3],
+    direction: [f64; 3],
+    inverse_length2: f64,
+    radius: f64,
+    taper: f64,
+}
+
+/// A point seen from a bone: the foot point's place on it (not clamped), the offset from there, and the radius there.
+struct View {
+    along: f64,
+    offset: [f64; 3],
+    radius: f64,
+    /// `rho^-2`.
+    nearness: f64,
+}
+
+impl Axis {
+    fn new(bone: &Bone) -> Self {
+        let direction = sub(bone.end, bone.start);
+        Self {
+            start: bone.start,
+            direction,
+            inverse_length2: 1.0 / dot(direction, direction),
+            radius: bone.radius[0],
+            taper: bone.radius[1] - bone.radius[0],
+        }
+    }
+
+    fn view(&self, p: [f64; 3]) -> View {
+        let from = sub(p, self.start);
+        let along = dot(from, self.direction) * self.inverse_length2;
+        let t = along.clamp(0.0, 1.0);
+        let offset = sub(from, scale(self.direction, t));
+        let radius = self.radius + t * self.taper;
+        // Bounded on the axis itself, where the field has its pole.
+        let nearness = radius * radius / dot(offset, offset).max(1e-12 * radius * radius);
+        View {
+            along,
+            offset,
+            radius,
+            nearness,
+        }
+    }
+
+    /// Gradient of `rho^2`.
+    fn slope(&self, view: &View) -> [f64; 3] {
+        let across = scale(view.offset, 2.0 / (view.radius * view.radius));
+        if !(0.0..=1.0).contains(&view.along) {
+            return across;
+        }
+        // The radius changes along the bone; the foot point itself is stationary.
+        let along = 2.0 * self.taper * self.inverse_length2 / (view.radius * view.nearness);
+        sub(across, scale(self.direction, along))
+    }
 }
 
 impl RestSurface {
     /// The surface of an individual: `seed` varies the proportions of the species.
     #[must_use]
     pub fn new(species: Species, seed: u64) -> Self {
-        Self {
-            skeleton: Skeleton::new(species, seed),
-        }
-    }
-
-    /// For each bone its squared `rho`, the gradient of that, and its radius beside the point.
-    fn rho2(&self, p: [f64; 3]) -> impl Iterator<Item = (f64, [f64; 3], f64)> + '_ {
-        self.skeleton.bones.iter().map(move |bone| {
-            let axis = sub(bone.end, bone.start);
-            let length2 = dot(axis, axis);
-            let along = dot(sub(p, bone.start), axis) / length2;
-            let t = along.clamp(0.0, 1.0);
-            let offset = sub(p, add(bone.start, scale(axis, t)));
-            let taper = bone.radius[1] - bone.radius[0];
-            let radius = bone.radius[0] + t * taper;
-            let rho2 = dot(offset, offset) / (radius * radius);
-            let mut gradient = scale(offset, 2.0 / (radius * radius));
-            if t == along {
-                // The radius changes along the bone; the foot point itself is stationary.
-                gradient = sub(
-                    gradient,
-                    scale(axis, 2.0 * rho2 * taper / (radius * length2)),
-                );
-            }
-            (rho2.max(1e-12), gradient, radius)
-        })
+        let skeleton = Skeleton::new(species, seed);
+        let axes = skeleton.bones.iter().map(Axis::new).collect();
+        Self { skeleton, axes }
     }
 
     /// The level of the field: 0 on the surface, negative inside, and about the distance in local radii nearby.
     #[must_use]
     pub fn level(&self, p: [f64; 3]) -> f64 {
-        self.level_and_gradient(p).0
+        let term = |axis: &Axis| {
+            let nearness = axis.view(p).nearness;
+            (nearness * nearness) * (nearness * nearness)
+        };
+        let sum: f64 = self.axes.iter().map(term).sum();
+        1.0 / sum.sqrt().sqrt().sqrt() - 1.0
     }
 
     fn level_and_gradient(&self, p: [f64; 3]) -> (f64, [f64; 3]) {
+        /// A bone farther than eight radii adds less than 1e-8 of the gradient: Newton's method does without.
+        const FAR: f64 = 1.0 / 64.0;
         let (mut sum, mut gradient) = (0.0, [0.0; 3]);
-        for (rho2, direction, _) in self.rho2(p) {
-            let inverse = 1.0 / rho2;
-            let term = (inverse * inverse) * (inverse * inverse);
+        for axis in &self.axes {
+            let view = axis.view(p);
+            let term = (view.nearness * view.nearness) * (view.nearness * view.nearness);
             sum += term;
-            gradient = add(gradient, scale(direction, term * inverse));
+            if view.nearness > FAR {
+                gradient = add(gradient, scale(axis.slope(&view), term * view.nearness));
+            }
         }
         // d(sum^(-1/8)) = sum^(-9/8) / 8 * sum_b 4 rho^-10 d(rho^2).
         let level = 1.0 / sum.sqrt().sqrt().sqrt();
         (level - 1.0, scale(gradient, 0.5 * level / sum))
+    }
+
+    /// Whether the ball about `center` is outside the surface. Where `n` bones meet, the surface bulges to at most
+    /// `n^(1/8)` of their radii.
+    pub(super) fn clear(&self, center: [f64; 3], ball: f64) -> bool {
+        self.axes.iter().all(|axis| {
+            let reach = ball + BULGE * axis.radius.max(axis.radius + axis.taper);
+            let offset = axis.view(center).offset;
+            dot(offset, offset) > reach * reach
+        })
     }
 
     /// The surface point that Newton steps along the gradient lead to from `p`. For points near the surface, about the nearest one.
@@ -89,8 +148,8 @@ impl RestSurface {
         for bone in &self.skeleton.bones {
             for (end, radius) in [bone.start, bone.end].into_iter().zip(bone.radius) {
                 for k in 0..3 {
-                    low[k] = low[k].min(end[k] - 1.4 * radius);
-                    high[k] = high[k].max(end[k] + 1.4 * radius);
+                    low[k] = low[k].min(end[k] - BULGE * radius);
+                    high[k] = high[k].max(end[k] + BULGE * radius);
                 }
             }
         }
@@ -111,12 +170,12 @@ impl RestSurface {
     pub(super) fn posed(&self, motions: &[Motion], p: [f64; 3]) -> ([f64; 3], f64) {
         let mut weights = Vec::with_capacity(motions.len());
         let (mut sum, mut thickness) = (0.0, 0.0);
-        for (rho2, _, radius) in self.rho2(p) {
-            let reach = (1.0 / rho2 - 1.0 / (REACH * REACH)).max(0.0);
+        for view in self.axes.iter().map(|axis| axis.view(p)) {
+            let reach = (view.nearness - 1.0 / (REACH * REACH)).max(0.0);
             let weight = reach * reach;
             weights.push(weight);
             sum += weight;
-            thickness += weight * radius;
+            thickness += weight * view.radius;
         }
         (
             Motion::blend(motions, &weights).apply(p),

@@ -50,7 +50,7 @@ pub fn plane(n: usize, jitter: f64) -> Mesh {
 
 /// The unit sphere: an icosahedron subdivided `levels` times.
 pub fn sphere(levels: usize) -> Mesh {
-    let g = (1.0 + 5f64.sqrt()) / 2.0;
+    let g = f64::midpoint(1.0, 5f64.sqrt());
     let mut vertices: Vec<[f64; 3]> = Vec::new();
     for (s, t) in [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)] {
         vertices.extend([[0.0, s, t * g], [s, t * g, 0.0], [t * g, 0.0, s]]);
@@ -74,7 +74,7 @@ pub fn sphere(levels: usize) -> Mesh {
         let base = vertices.len() as u32;
         for &[a, b] in &edges.ends {
             let (p, q) = (vertices[a as usize], vertices[b as usize]);
-            vertices.push([0, 1, 2].map(|k| (p[k] + q[k]) / 2.0));
+            vertices.push([0, 1, 2].map(|k| f64::midpoint(p[k], q[k])));
         }
         let split = |f: usize| {
             let [a, b, c] = faces[f];
