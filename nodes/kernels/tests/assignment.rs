@@ -1,6 +1,10 @@
 //! `assignment` against exhaustive enumeration.
 
 #![expect(clippy::float_cmp, reason = "exact equality is what is claimed")]
+#![expect(
+    clippy::unwrap_used,
+    reason = "helpers of tests lie outside any test function"
+)]
 
 use salient_kernels::assignment::{
     Control, Limits, Problem, ProblemBuilder, ProblemError, Solution, SolveError, StopReason, solve,

@@ -239,7 +239,7 @@ impl Sub {
         (self.n_left().min(self.n_right) as i64 - 1).max(1)
     }
 
-    /// Hands every variable's slack to its row, from where the mates profit. This only pays off between a leaders' problem and the stars that
+    /// Hands every variable's slack to its row (whose star must be solved again before it is used), from where the mates profit. This only pays off between a leaders' problem and the stars that
     /// follow: slack handed on as soon as it appears would never lower the leaders' problem.
     fn spread(&mut self) {
         let others = self.others();
@@ -257,7 +257,6 @@ impl Sub {
                     self.shift(e, share);
                 }
             }
-            self.star[a] += share * others;
             self.slack[a] -= share * others;
         }
     }
