@@ -7,5 +7,6 @@
 //!
 //! The engine knows no stage by name: it is given a [`salient_sdk::Registry`].
 
+pub mod diagnostics;
 pub mod engine;
 pub mod graph;
