@@ -2,7 +2,7 @@
 //! the process lives.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant, SystemTime};
 
@@ -21,8 +21,26 @@ pub(super) const DEAD_AFTER: Duration = Duration::from_secs(600);
 pub struct Live {
     /// Its process id, on its own host.
     pub pid: u32,
+    /// Name of that host; empty where it cannot be told.
+    pub host: String,
     /// When it began, in milliseconds since 1970.
     pub since: u64,
+}
+
+impl Live {
+    /// Whether it is a process of this host that is no more.
+    fn is_gone(&self) -> bool {
+        let processes = Path::new("/proc/self");
+        processes.exists()
+            && !self.host.is_empty()
+            && self.host == host()
+            && !Path::new(&format!("/proc/{}", self.pid)).exists()
+    }
+}
+
+fn host() -> String {
+    let name = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    name.trim().to_owned()
 }
 
 /// Says that this process uses the cache, until dropped.
@@ -34,7 +52,8 @@ pub(super) struct Running {
 impl Running {
     pub(super) fn register(cache: &Cache) -> Result<Self, CacheError> {
         static RUNS: AtomicU64 = AtomicU64::new(0);
-        let live = Live { pid: std::process::id(), since: millis(SystemTime::now()) };
+        let (pid, since) = (std::process::id(), millis(SystemTime::now()));
+        let live = Live { pid, host: host(), since };
         let run = RUNS.fetch_add(1, Ordering::Relaxed);
         let path = cache.root.join("running").join(format!("{}-{}-{run}", live.since, live.pid));
         cache.write_sealed(&path, &live)?;
@@ -64,8 +83,8 @@ impl Cache {
             let age = fs::metadata(&path).and_then(|m| m.modified()).map(|at| at.elapsed());
             if matches!(age, Ok(Ok(age)) if age > DEAD_AFTER) {
                 remove(&path)?;
-            } else if let Entry::Found(it) = self.sealed(&path)? {
-                live.push(it);
+            } else if let Entry::Found(it) = self.sealed::<Live>(&path)? {
+                if it.is_gone() { remove(&path)? } else { live.push(it) }
             }
         }
         Ok(live)
