@@ -11,12 +11,14 @@
 //! | [`history`] | what recent runs did |
 //! | [`schedule`] | [`run`]: workers, order, outcome |
 //! | [`event`] | all that a run tells the outside |
+//! | [`forecast`], [`why`] | what a run would do, and why |
 
 pub mod cache;
 mod cone;
 mod coordinator;
 pub mod event;
 mod held;
+pub mod forecast;
 pub mod history;
 pub mod key;
 pub mod record;
@@ -24,6 +26,7 @@ pub mod running;
 pub mod schedule;
 pub mod sources;
 pub mod upkeep;
+pub mod why;
 mod worker;
 
 pub use cache::{Cache, CacheError};
