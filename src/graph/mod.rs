@@ -3,3 +3,6 @@
 pub mod plan;
 
 pub use plan::{Call, Plan, Shown, Wire};
+
+mod temporary;
+pub use temporary::{Diagnostics, Overrides, plan};
