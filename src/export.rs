@@ -186,7 +186,8 @@ impl Zip {
         let offset = u32::try_from(self.bytes.len()).map_err(too_large)?;
         u32::try_from(self.bytes.len() + content.len() + name.len() + 30).map_err(too_large)?;
         // Version, flags, method, time and date, as in both the local and the central header.
-        let mut common: Vec<u8> = [20_u16, 0, 0, 0, 0x21].iter().flat_map(|x| x.to_le_bytes()).collect();
+        let mut common: Vec<u8> =
+            [20_u16, 0, 0, 0, 0x21].iter().flat_map(|x| x.to_le_bytes()).collect();
         for number in [crc32fast::hash(content), size, size] {
             common.extend(number.to_le_bytes());
         }
@@ -298,7 +299,10 @@ mod tests {
     #[test]
     fn what_an_artefact_cannot_give_is_refused_with_what_it_can() {
         let error = export(&Bare, Format::Ply).unwrap_err().to_string();
-        assert!(error.contains("no surface") && error.contains("json, npz, safetensors"), "{error}");
+        assert!(
+            error.contains("no surface") && error.contains("json, npz, safetensors"),
+            "{error}"
+        );
         assert!(export(&Bare, Format::Csv).unwrap_err().to_string().contains("no table"));
         assert_eq!(Format::of_extension("OBJ"), Some(Format::Obj));
         assert_eq!(Format::of_extension("xyz"), None);

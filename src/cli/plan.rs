@@ -129,9 +129,10 @@ fn forecast_text(plan: &Plan, forecast: &Forecast) -> String {
         let (word, note) = match &prospect.verdict {
             Verdict::Hit => ("hit", String::new()),
             Verdict::Miss => ("miss", String::new()),
-            Verdict::Evicted { needed_by } => {
-                ("evicted", format!("known, but its bytes were collected and {needed_by} needs them"))
-            }
+            Verdict::Evicted { needed_by } => (
+                "evicted",
+                format!("known, but its bytes were collected and {needed_by} needs them"),
+            ),
             Verdict::DependsOnMiss { of } => ("depends on a miss", some(of)),
             Verdict::Unreadable { message } => ("unreadable", message.clone()),
         };
@@ -142,7 +143,8 @@ fn forecast_text(plan: &Plan, forecast: &Forecast) -> String {
         let kind = plan.dag[*call].node.kind().to_owned();
         rows.push(vec![word.to_owned(), plan.name(*call).to_owned(), kind, time, note]);
     }
-    let counts: Vec<_> = counts.into_iter().map(|(word, count)| format!("{count} {word}")).collect();
+    let counts: Vec<_> =
+        counts.into_iter().map(|(word, count)| format!("{count} {word}")).collect();
     let mut text = table(&rows, 0, &[3]);
     text.push_str(&format!("\n{}: {}", count(rows.len(), "node"), counts.join(", ")));
     if expected > 0.0 {
@@ -167,7 +169,9 @@ fn explain(explanation: &Explanation) -> String {
     };
     let since = match since {
         Some(when) => format!(" (compared with the run {})", ago(*when)),
-        None => " (this graph has not computed it; compared with the nearest node of its kind)".into(),
+        None => {
+            " (this graph has not computed it; compared with the nearest node of its kind)".into()
+        }
     };
     let since = if causes == &[Cause::NeverComputed] { String::new() } else { since };
     let mut text = format!("{node} {what}{since}:\n");

@@ -28,7 +28,8 @@ impl Progress {
             return Self::Lines;
         }
         let all = MultiProgress::new();
-        let whole = all.add(ProgressBar::new(0).with_style(style("{bar:24} {pos}/{len} {wide_msg}")));
+        let whole =
+            all.add(ProgressBar::new(0).with_style(style("{bar:24} {pos}/{len} {wide_msg}")));
         Self::Bars { all, whole, nodes: BTreeMap::new() }
     }
 
@@ -85,7 +86,8 @@ fn bars(
     match event {
         Event::RunStarted { calls, .. } => whole.set_length(*calls as u64),
         Event::Started { node, kind } => {
-            let bar = ProgressBar::new(100).with_style(style("{spinner} {bar:22} {elapsed:>4} {wide_msg}"));
+            let bar = ProgressBar::new(100)
+                .with_style(style("{spinner} {bar:22} {elapsed:>4} {wide_msg}"));
             let bar = all.add(bar).with_message(format!("{node} ({kind})"));
             bar.enable_steady_tick(Duration::from_millis(120));
             nodes.insert(node.clone(), bar);
@@ -141,7 +143,8 @@ fn line(event: &Event) -> Option<String> {
 pub fn totals(totals: &Totals, time: f64) -> String {
     let Totals { hits, computed, failed, skipped, cancelled } = *totals;
     let all = hits + computed + failed + skipped + cancelled;
-    let mut text = format!("{}: {hits} from the cache, {computed} computed", super::text::count(all, "node"));
+    let mut text =
+        format!("{}: {hits} from the cache, {computed} computed", super::text::count(all, "node"));
     for (count, what) in [(failed, "failed"), (skipped, "skipped"), (cancelled, "not done")] {
         if count > 0 {
             text.push_str(&format!(", {count} {what}"));

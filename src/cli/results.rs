@@ -178,7 +178,8 @@ pub fn stages(plan: &Plan, outcome: &Outcome) -> String {
     }
     let mut stages: Vec<_> = stages.into_iter().collect();
     stages.sort_by(|(_, a), (_, b)| b.seconds.total_cmp(&a.seconds));
-    let mut rows = vec![["stage", "calls", "computed", "cached", "seconds"].map(str::to_owned).to_vec()];
+    let mut rows =
+        vec![["stage", "calls", "computed", "cached", "seconds"].map(str::to_owned).to_vec()];
     rows.extend(stages.into_iter().map(|(kind, stage)| {
         let counts = [stage.calls, stage.executed, stage.hits].map(|count| count.to_string());
         let mut row = vec![kind.to_owned()];

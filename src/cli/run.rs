@@ -23,7 +23,8 @@ impl CacheChoice {
     }
 
     fn path(&self) -> Result<PathBuf, Fail> {
-        let var = |name| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+        let var =
+            |name| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
         let chosen = self.dir.clone().or_else(|| var("SALIENT_CACHE"));
         let default = || Some(var("XDG_CACHE_HOME")?.join("salient"));
         let home = || Some(var("HOME")?.join(".cache/salient"));
@@ -116,7 +117,8 @@ pub fn get(args: &GetArgs, registry: &Registry) -> Result<(), Fail> {
     let call = find(&plan, &args.node)?;
     let cache = args.cache.open()?;
     let outcome = compute(&plan, &[call], &cache, &args.effort, false)?;
-    if let Some(State::Failed(_) | State::Skipped(_) | State::Cancelled) = outcome.states.get(&call) {
+    if let Some(State::Failed(_) | State::Skipped(_) | State::Cancelled) = outcome.states.get(&call)
+    {
         return verdict(&outcome);
     }
     let artefact = outcome.artefact(&plan, call, &cache)?.ok_or_else(|| {

@@ -246,16 +246,17 @@ pub fn write_atomic(path: &Path, tmp: &Path, bytes: &[u8]) -> io::Result<()> {
 /// The system's error without the path that `tempfile` adds; ours names the file that is wanted.
 fn unwrap_path(error: io::Error) -> io::Error {
     let kind = error.kind();
-    error.raw_os_error().map_or(io::Error::new(kind, kind.to_string()), io::Error::from_raw_os_error)
+    error
+        .raw_os_error()
+        .map_or(io::Error::new(kind, kind.to_string()), io::Error::from_raw_os_error)
 }
 
 /// Marks a file as used now; false if it is not there.
 pub(super) fn touch(path: &Path) -> bool {
     let Ok(meta) = fs::metadata(path) else { return false };
     let now = SystemTime::now();
-    let fresh = meta
-        .modified()
-        .is_ok_and(|at| now.duration_since(at).unwrap_or_default() < TOUCH_AFTER);
+    let fresh =
+        meta.modified().is_ok_and(|at| now.duration_since(at).unwrap_or_default() < TOUCH_AFTER);
     if !fresh {
         // Another user's file cannot be touched; then it only looks older than it is.
         let _ = fs::File::open(path).and_then(|file| file.set_modified(now));

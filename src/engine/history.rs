@@ -146,10 +146,7 @@ fn tag(graph: &str) -> String {
 
 /// What each call is expected to take, in seconds: as in the last run of the graph, else the mean of
 /// its kind in that run. Calls of which nothing is known are left out.
-pub(super) fn weights(
-    plan: &Plan,
-    cache: &Cache,
-) -> Result<BTreeMap<NodeIndex, f64>, CacheError> {
+pub(super) fn weights(plan: &Plan, cache: &Cache) -> Result<BTreeMap<NodeIndex, f64>, CacheError> {
     let Some(run) = cache.runs(Some(&plan.file))?.next() else { return Ok(BTreeMap::new()) };
     let mut calls: BTreeMap<&str, f64> = BTreeMap::new();
     let mut kinds: BTreeMap<&str, (f64, f64)> = BTreeMap::new();

@@ -152,10 +152,8 @@ impl Ingredients {
         let mut files = BTreeMap::new();
         for (param, path) in &it.files {
             let digest = sources.digest(path)?.ok_or_else(|| sources.absent(path))?;
-            files.insert(
-                param.clone(),
-                FileIngredient { digest, path: path.display().to_string() },
-            );
+            files
+                .insert(param.clone(), FileIngredient { digest, path: path.display().to_string() });
             if let Some(Value::String(text)) = params.get_mut(param) {
                 *text = FileParam(std::mem::take(text)).extension();
             }

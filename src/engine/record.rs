@@ -61,11 +61,7 @@ impl Record {
     }
 
     /// The first discovered read that is not as it was, if any.
-    pub fn changed_read(
-        &self,
-        call: &Call,
-        sources: &Sources,
-    ) -> Result<Option<&Read>, NodeError> {
+    pub fn changed_read(&self, call: &Call, sources: &Sources) -> Result<Option<&Read>, NodeError> {
         for read in &self.reads {
             let now = match beside(call, &read.param, &read.beside) {
                 Some(path) => sources.digest(&path)?,

@@ -131,8 +131,7 @@ impl Cache {
             }
         }
         report.records = whole.len();
-        report.evicted =
-            whole.iter().filter(|digest| !self.object_path(digest).exists()).count();
+        report.evicted = whole.iter().filter(|digest| !self.object_path(digest).exists()).count();
         Ok(report)
     }
 

@@ -277,8 +277,7 @@ impl Inquiry<'_> {
         }
         let more = changed.len().saturating_sub(MAX_INPUTS);
         for (port, label, from) in changed.into_iter().take(MAX_INPUTS) {
-            let because =
-                if self.seen.contains(&from) { Vec::new() } else { self.causes(from)? };
+            let because = if self.seen.contains(&from) { Vec::new() } else { self.causes(from)? };
             let from = self.plan.name(from).to_owned();
             causes.push(Cause::Input { port, label, from, because });
         }

@@ -92,9 +92,7 @@ impl Permits {
     pub(super) fn take(&self, wanted: usize) -> usize {
         let taken = self
             .0
-            .fetch_update(Ordering::AcqRel, Ordering::Acquire, |free| {
-                Some(free - free.min(wanted))
-            })
+            .fetch_update(Ordering::AcqRel, Ordering::Acquire, |free| Some(free - free.min(wanted)))
             .unwrap_or_default();
         taken.min(wanted)
     }
@@ -128,9 +126,8 @@ impl Shared<'_> {
             }),
             Job::Execute { call, inputs, ingredients } => self.execute(call, &inputs, ingredients),
         }));
-        let result = result.unwrap_or_else(|panic| {
-            Err(Halt::Node(self.panicked(call, panic.as_ref())))
-        });
+        let result =
+            result.unwrap_or_else(|panic| Err(Halt::Node(self.panicked(call, panic.as_ref()))));
         self.send(Report::Done(call, result));
     }
 
@@ -149,11 +146,7 @@ impl Shared<'_> {
         )
     }
 
-    fn resolve(
-        &self,
-        call: NodeIndex,
-        inputs: &BTreeMap<NodeIndex, Digest>,
-    ) -> Result<Done, Halt> {
+    fn resolve(&self, call: NodeIndex, inputs: &BTreeMap<NodeIndex, Digest>) -> Result<Done, Halt> {
         let own = Ingredients::own(self.plan, call, self.sources)?;
         let ingredients = Arc::new(own.with_inputs(self.plan, call, |from| inputs[&from]));
         let (found, corrupt) =
@@ -249,7 +242,8 @@ impl Shared<'_> {
         };
         let (bytes, changed) = artefact.to_bytes().map_err(unwritable)?;
         // Downstream must see what a later run will read.
-        let artefact = if changed { (output.decode)(&bytes).map_err(unwritable)? } else { artefact };
+        let artefact =
+            if changed { (output.decode)(&bytes).map_err(unwritable)? } else { artefact };
         let digest = self.cache.put_object(&bytes)?;
         let reliable = !host.unreliable.load(Ordering::Acquire);
         let record = Record {
@@ -335,7 +329,8 @@ impl Host for NodeHost<'_> {
             return self.pinned(path)?.ok_or_else(|| sources.absent(path));
         };
         if Path::new(relative).is_absolute() {
-            let message = format!("`{relative}`, asked for beside `{param}`, is not a relative path");
+            let message =
+                format!("`{relative}`, asked for beside `{param}`, is not a relative path");
             return Err(NodeError::new(message));
         }
         let path = beside(call, param, relative).ok_or_else(nameless)?;

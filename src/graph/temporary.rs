@@ -48,7 +48,9 @@ pub fn plan(file: &Path, overrides: &Overrides, registry: &Registry) -> Result<P
             }
             continue;
         }
-        let Some((name, rest)) = line.strip_prefix('"').and_then(|l| l.split_once("\": ")) else { continue };
+        let Some((name, rest)) = line.strip_prefix('"').and_then(|l| l.split_once("\": ")) else {
+            continue;
+        };
         let (kind, body) = rest.split_once('(').ok_or_else(|| bad(line))?;
         let body = body.trim_end_matches(',').trim_end_matches(')');
         let node = registry.get(kind).ok_or_else(|| bad(&format!("unknown kind {kind}")))?;
@@ -57,7 +59,10 @@ pub fn plan(file: &Path, overrides: &Overrides, registry: &Registry) -> Result<P
         for field in body.split(", ").filter(|f| !f.is_empty()) {
             let (key, value) = field.split_once(": ").ok_or_else(|| bad(field))?;
             match node.ports().iter().find(|p| p.name == key) {
-                Some(port) => wires.push((port.name, *plan.addresses.get(value.trim_matches('"')).ok_or_else(|| bad(value))?)),
+                Some(port) => wires.push((
+                    port.name,
+                    *plan.addresses.get(value.trim_matches('"')).ok_or_else(|| bad(value))?,
+                )),
                 None => fields.push((key.into(), value.into())),
             }
         }
@@ -73,7 +78,11 @@ pub fn plan(file: &Path, overrides: &Overrides, registry: &Registry) -> Result<P
         let bound = node.bind(&borrowed).map_err(|e| bad(&e[0].message))?;
         let is_file = |key: &str| node.params().iter().any(|p| p.name == key && p.file);
         let folder = file.parent().unwrap_or(Path::new(""));
-        let files = fields.iter().filter(|(key, _)| is_file(key)).map(|(key, value)| (key.clone(), folder.join(value.trim_matches('"')))).collect();
+        let files = fields
+            .iter()
+            .filter(|(key, _)| is_file(key))
+            .map(|(key, value)| (key.clone(), folder.join(value.trim_matches('"'))))
+            .collect();
         let call = plan.dag.add_node(Call { node, bound, files, addresses: vec![name.into()] });
         for (i, (port, from)) in wires.iter().enumerate() {
             let label = if wires.len() > 1 { i.to_string() } else { String::new() };

@@ -108,8 +108,7 @@ fn a_new_version_of_a_node_recomputes_it() {
     let build = |new: bool| {
         let mut graph = Graph::new();
         let a = graph.read("a", &a);
-        let node: &'static dyn salient_sdk::AnyNode =
-            if new { &Scale::<2> } else { &Scale::<1> };
+        let node: &'static dyn salient_sdk::AnyNode = if new { &Scale::<2> } else { &Scale::<1> };
         let double = graph.call("double", node, &[], &[("x", a)]);
         graph.call("sign", &Sign, &[], &[("x", double)]);
         graph.show(&["sign"])
@@ -310,7 +309,11 @@ fn an_impure_node_is_reported_and_its_new_output_used() {
     let ran = lab.run(&graph);
     // `sign` has another input, misses, needs `double`, and then finds its former output.
     assert_eq!(ran.executed, ["double"]);
-    assert!(ran.events.iter().any(|e| matches!(e, Event::Irreproducible { node, .. } if node == "double")));
+    assert!(
+        ran.events
+            .iter()
+            .any(|e| matches!(e, Event::Irreproducible { node, .. } if node == "double"))
+    );
     assert_eq!(ran.values["total"], [11.0]);
     assert_eq!(lab.run(&graph).executed, [""; 0]);
 }

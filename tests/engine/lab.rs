@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use petgraph::graph::NodeIndex;
 use salient::engine::{Cache, Cancel, Event, Options, Outcome, run};
@@ -155,9 +154,10 @@ impl Graph {
     ) -> NodeIndex {
         let bound = node.bind(params).unwrap_or_else(|e| panic!("{e:?}"));
         let is_file = |name: &str| node.params().iter().any(|p| p.name == name && p.file);
-        let files = params.iter().filter(|(name, _)| is_file(name)).map(|(name, text)| {
-            ((*name).to_owned(), PathBuf::from(text.trim_matches('"')))
-        });
+        let files = params
+            .iter()
+            .filter(|(name, _)| is_file(name))
+            .map(|(name, text)| ((*name).to_owned(), PathBuf::from(text.trim_matches('"'))));
         let files = files.collect();
         let addresses = vec![name.to_owned()];
         let call = self.plan.dag.add_node(Call { node, bound, files, addresses });
@@ -171,7 +171,12 @@ impl Graph {
     }
 
     pub fn read(&mut self, name: &str, path: &Path) -> NodeIndex {
-        self.call(name, &crate::toy::Read, &[("path", &format!("{:?}", path.display().to_string()))], &[])
+        self.call(
+            name,
+            &crate::toy::Read,
+            &[("path", &format!("{:?}", path.display().to_string()))],
+            &[],
+        )
     }
 
     pub fn show(mut self, names: &[&str]) -> Self {
@@ -181,9 +186,4 @@ impl Graph {
         }
         self
     }
-}
-
-/// An artefact as the toy nodes make it.
-pub fn numbers(values: &[f64]) -> Arc<Numbers> {
-    Arc::new(Numbers { values: values.to_vec(), defects: vec![] })
 }

@@ -17,12 +17,10 @@ fn wide(lab: &Lab) -> Graph {
     let mut terms = Vec::new();
     for i in 1..13 {
         let tag = i.to_string();
-        terms.push(("terms", graph.call(
-            &format!("s{i}"),
-            &Slow,
-            &[("millis", "3"), ("tag", &tag)],
-            &[("x", a)],
-        )));
+        terms.push((
+            "terms",
+            graph.call(&format!("s{i}"), &Slow, &[("millis", "3"), ("tag", &tag)], &[("x", a)]),
+        ));
     }
     graph.call("total", &Sum, &[], &terms);
     graph.show(&["total"])
