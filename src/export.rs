@@ -156,7 +156,7 @@ fn npz(artefact: &[u8]) -> Result<Vec<u8>, FormatError> {
 
 /// An array in numpy's own layout, version 1.0.
 fn npy(dtype: &str, shape: &[usize], bytes: &[u8]) -> Vec<u8> {
-    let dims: String = shape.iter().map(|n| format!("{n},")).collect();
+    let dims = shape.iter().fold(String::new(), |dims, n| format!("{dims}{n},"));
     let mut header = format!("{{'descr': '{dtype}', 'fortran_order': False, 'shape': ({dims})}}");
     // Magic, version and length take 10 bytes; the data begins at a multiple of 64.
     let padded = (10 + header.len() + 1).next_multiple_of(64) - 10;

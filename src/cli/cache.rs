@@ -1,5 +1,7 @@
 //! `salient cache`.
 
+use std::fmt::Write as _;
+
 use serde::Serialize;
 
 use super::args::{CacheArgs, CacheCommand};
@@ -70,7 +72,7 @@ fn collected_text(collected: &Collected) -> String {
     );
     if collected.protected > 0 {
         let kept = bytes(collected.protected);
-        text.push_str(&format!("{kept} were kept, as they are in use or were used just now\n"));
+        let _ = writeln!(text, "{kept} were kept, as they are in use or were used just now");
     }
     text
 }

@@ -1,5 +1,7 @@
 //! `salient nodes`: documentation made from the registry.
 
+use std::fmt::Write as _;
+
 use salient_sdk::{AnyNode, Arity, ParamInfo, Registry};
 
 use super::args::NodesArgs;
@@ -51,7 +53,7 @@ fn document(node: &'static dyn AnyNode) -> String {
             Arity::Optional => ", optional",
             Arity::Many => ", any number",
         };
-        text.push_str(&format!("  {}: {}{arity}\n", port.name, port.artefact));
+        let _ = writeln!(text, "  {}: {}{arity}", port.name, port.artefact);
         text.push_str(&wrap(port.doc, 6));
     }
     text.push_str("\nparams\n");
@@ -60,15 +62,15 @@ fn document(node: &'static dyn AnyNode) -> String {
         text.push_str("  none\n");
     }
     for param in &params {
-        text.push_str(&format!("  {}: {}\n", param.name, signature(param)));
+        let _ = writeln!(text, "  {}: {}", param.name, signature(param));
         text.push_str(&wrap(&param.doc, 6));
     }
-    text.push_str(&format!("\noutput\n  {} (format {})\n", output.name, output.format));
+    let _ = writeln!(text, "\noutput\n  {} (format {})", output.name, output.format);
     text.push_str(&wrap(output.doc, 6));
     if !node.example().trim().is_empty() {
         text.push_str("\nexample\n");
         for line in node.example().trim().lines() {
-            text.push_str(&format!("  {}\n", line.trim()));
+            let _ = writeln!(text, "  {}", line.trim());
         }
     }
     text
@@ -99,7 +101,7 @@ fn wrap(text: &str, indent: usize) -> String {
         let mut line = String::new();
         for word in paragraph.split_whitespace() {
             if !line.is_empty() && indent + line.chars().count() + 1 + word.chars().count() > 96 {
-                out.push_str(&format!("{}{line}\n", " ".repeat(indent)));
+                let _ = writeln!(out, "{}{line}", " ".repeat(indent));
                 line.clear();
             }
             if !line.is_empty() {
@@ -108,7 +110,7 @@ fn wrap(text: &str, indent: usize) -> String {
             line.push_str(word);
         }
         if !line.is_empty() {
-            out.push_str(&format!("{}{line}\n", " ".repeat(indent)));
+            let _ = writeln!(out, "{}{line}", " ".repeat(indent));
         }
     }
     out

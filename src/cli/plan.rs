@@ -1,6 +1,7 @@
 //! `salient check`, `salient plan` and `salient graph`.
 
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 
 use petgraph::graph::NodeIndex;
 use petgraph::visit::EdgeRef;
@@ -146,9 +147,9 @@ fn forecast_text(plan: &Plan, forecast: &Forecast) -> String {
     let counts: Vec<_> =
         counts.into_iter().map(|(word, count)| format!("{count} {word}")).collect();
     let mut text = table(&rows, 0, &[3]);
-    text.push_str(&format!("\n{}: {}", count(rows.len(), "node"), counts.join(", ")));
+    let _ = write!(text, "\n{}: {}", count(rows.len(), "node"), counts.join(", "));
     if expected > 0.0 {
-        text.push_str(&format!("; about {} s of computing, by former runs", seconds(expected)));
+        let _ = write!(text, "; about {} s of computing, by former runs", seconds(expected));
     }
     text + "\n"
 }
@@ -181,7 +182,7 @@ fn explain(explanation: &Explanation) -> String {
 
 fn lines(causes: &[Cause], depth: usize, text: &mut String) {
     for cause in causes {
-        text.push_str(&format!("{}{}\n", "  ".repeat(depth), line(cause)));
+        let _ = writeln!(text, "{}{}", "  ".repeat(depth), line(cause));
         if let Cause::Input { because, .. } = cause {
             lines(because, depth + 1, text);
         }
@@ -246,7 +247,7 @@ pub fn graph(args: &GraphArgs, registry: &Registry) -> Result<(), Fail> {
     };
     for call in plan.dag.node_indices() {
         let (id, name, kind) = (call.index(), plan.name(call), plan.dag[call].node.kind());
-        text.push_str(&match args.format {
+        let line = match args.format {
             Picture::Dot => {
                 let bold = if shown(call) { ", style=bold" } else { "" };
                 let name = name.replace('\\', "\\\\").replace('"', "\\\"");
@@ -257,14 +258,16 @@ pub fn graph(args: &GraphArgs, registry: &Registry) -> Result<(), Fail> {
                 let name = name.replace('"', "#quot;");
                 format!("  n{id}{open}\"{name}<br>{kind}\"{close}\n")
             }
-        });
+        };
+        text.push_str(&line);
     }
     for edge in plan.dag.edge_references() {
         let (from, to, port) = (edge.source().index(), edge.target().index(), edge.weight().port);
-        text.push_str(&match args.format {
+        let line = match args.format {
             Picture::Dot => format!("  n{from} -> n{to} [label=\"{port}\"];\n"),
             Picture::Mermaid => format!("  n{from} -->|{port}| n{to}\n"),
-        });
+        };
+        text.push_str(&line);
     }
     if matches!(args.format, Picture::Dot) {
         text.push_str("}\n");

@@ -1,6 +1,7 @@
 //! The events of a run, as they happen: bars on a terminal, lines elsewhere, or JSON.
 
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::io::{self, IsTerminal, Write};
 use std::time::Duration;
 
@@ -147,7 +148,7 @@ pub fn totals(totals: &Totals, time: f64) -> String {
         format!("{}: {hits} from the cache, {computed} computed", super::text::count(all, "node"));
     for (count, what) in [(failed, "failed"), (skipped, "skipped"), (cancelled, "not done")] {
         if count > 0 {
-            text.push_str(&format!(", {count} {what}"));
+            let _ = write!(text, ", {count} {what}");
         }
     }
     format!("{text}; {} s", seconds(time))

@@ -1,6 +1,7 @@
 //! The results of a run, for people, for programs and as files.
 
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::path::{Component, Path, PathBuf};
 
 use petgraph::graph::NodeIndex;
@@ -92,7 +93,7 @@ impl Found<'_> {
             .collect();
         let mut text = format!("{} ({})\n{}", self.shown.address, self.kind, table(&rows, 2, &[]));
         for (address, defect) in &self.defects {
-            text.push_str(&format!("  ! {address}: {defect}\n"));
+            let _ = writeln!(text, "  ! {address}: {defect}");
         }
         text
     }

@@ -124,13 +124,10 @@ pub fn get(args: &GetArgs, registry: &Registry) -> Result<(), Fail> {
     let artefact = outcome.artefact(&plan, call, &cache)?.ok_or_else(|| {
         Fail::Lacking(format!("the output of {} vanished from the cache; run again", args.node))
     })?;
-    match file {
-        Some(path) => write(path, artefact.as_ref(), format),
-        None => {
-            let bytes = export(artefact.as_ref(), format).map_err(|e| Fail::Lacking(e.0))?;
-            print(&bytes)
-        }
+    if let Some(path) = file {
+        return write(path, artefact.as_ref(), format);
     }
+    print(&export(artefact.as_ref(), format).map_err(|e| Fail::Lacking(e.0))?)
 }
 
 fn format_of(file: Option<&Path>) -> Result<Format, Fail> {

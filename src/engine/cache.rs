@@ -133,7 +133,7 @@ impl Cache {
         let path = self.object_path(digest);
         match fs::read(&path) {
             Ok(bytes) if Digest::of(&bytes) == *digest => Ok(Entry::Found(bytes)),
-            Ok(_) => self.remove_corrupt(path),
+            Ok(_) => remove_corrupt(path),
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Entry::Missing),
             Err(e) => Err(CacheError::new("read", &path, &e)),
         }
@@ -167,7 +167,7 @@ impl Cache {
     pub fn records(&self, key: &Digest) -> Result<(Vec<Record>, Vec<PathBuf>), CacheError> {
         let (mut found, mut corrupt) = (Vec::new(), Vec::new());
         for path in list(&self.record_dir(key))? {
-            match self.sealed::<Record>(&path)? {
+            match sealed::<Record>(&path)? {
                 Entry::Found(record) if record.ingredients.key() == *key => {
                     touch(&path);
                     found.push(record);
@@ -183,20 +183,6 @@ impl Cache {
         Ok((found, corrupt))
     }
 
-    pub(super) fn sealed<T: serde::de::DeserializeOwned>(
-        &self,
-        path: &Path,
-    ) -> Result<Entry<T>, CacheError> {
-        match fs::read(path) {
-            Ok(bytes) => match unseal(&bytes) {
-                Some(value) => Ok(Entry::Found(value)),
-                None => self.remove_corrupt(path.to_owned()),
-            },
-            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Entry::Missing),
-            Err(e) => Err(CacheError::new("read", path, &e)),
-        }
-    }
-
     pub(super) fn write_sealed(
         &self,
         path: &Path,
@@ -206,16 +192,16 @@ impl Cache {
         self.write(path, text.as_bytes())
     }
 
-    fn remove_corrupt<T>(&self, path: PathBuf) -> Result<Entry<T>, CacheError> {
-        remove(&path)?;
-        Ok(Entry::Corrupt(path))
-    }
-
     /// Writes a whole file or nothing.
     pub(super) fn write(&self, path: &Path, bytes: &[u8]) -> Result<(), CacheError> {
         write_atomic(path, &self.root.join("tmp"), bytes)
             .map_err(|e| CacheError::new("write", path, &e))
     }
+}
+
+fn remove_corrupt<T>(path: PathBuf) -> Result<Entry<T>, CacheError> {
+    remove(&path)?;
+    Ok(Entry::Corrupt(path))
 }
 
 /// Writes a file by way of a temporary in `tmp`, which must be on the same file system, so that
@@ -225,7 +211,7 @@ pub fn write_atomic(path: &Path, tmp: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut file = tempfile::Builder::new()
         .permissions(fs::Permissions::from_mode(0o666))
         .tempfile_in(tmp)
-        .map_err(unwrap_path)?;
+        .map_err(|e| unwrap_path(&e))?;
     file.write_all(bytes)?;
     let parent = path.parent().unwrap_or(Path::new("."));
     let mut left = 3;
@@ -244,11 +230,23 @@ pub fn write_atomic(path: &Path, tmp: &Path, bytes: &[u8]) -> io::Result<()> {
 }
 
 /// The system's error without the path that `tempfile` adds; ours names the file that is wanted.
-fn unwrap_path(error: io::Error) -> io::Error {
+fn unwrap_path(error: &io::Error) -> io::Error {
     let kind = error.kind();
     error
         .raw_os_error()
         .map_or(io::Error::new(kind, kind.to_string()), io::Error::from_raw_os_error)
+}
+
+/// Reads a self-checked file; a damaged one is removed.
+pub(super) fn sealed<T: serde::de::DeserializeOwned>(path: &Path) -> Result<Entry<T>, CacheError> {
+    match fs::read(path) {
+        Ok(bytes) => match unseal(&bytes) {
+            Some(value) => Ok(Entry::Found(value)),
+            None => remove_corrupt(path.to_owned()),
+        },
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Entry::Missing),
+        Err(e) => Err(CacheError::new("read", path, &e)),
+    }
 }
 
 /// Marks a file as used now; false if it is not there.

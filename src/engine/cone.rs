@@ -30,7 +30,8 @@ pub(super) struct Cone {
 impl Cone {
     pub(super) fn of(plan: &Plan, wanted: &[NodeIndex], cost: &BTreeMap<NodeIndex, f64>) -> Self {
         let mut places: BTreeMap<NodeIndex, Place> = BTreeMap::new();
-        let mut left: Vec<_> = wanted.to_vec();
+        let wanted: BTreeSet<_> = wanted.iter().copied().collect();
+        let mut left: Vec<_> = wanted.iter().copied().collect();
         while let Some(call) = left.pop() {
             if places.contains_key(&call) {
                 continue;

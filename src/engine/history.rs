@@ -6,13 +6,15 @@ use std::path::Path;
 use petgraph::graph::NodeIndex;
 use serde::{Deserialize, Serialize};
 
-use super::cache::{Cache, CacheError, Entry, list, remove};
+use super::cache::{Cache, CacheError, Entry, list, remove, sealed};
 use super::key::Digest;
 use super::schedule::State;
 use crate::graph::Plan;
 
-/// How many run records are kept.
+/// How many run records are kept at most.
 const KEPT: usize = 50;
+/// How many bytes of run records are kept at most, besides the latest.
+const KEPT_BYTES: u64 = 64 << 20;
 
 /// One run, as remembered.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -110,9 +112,14 @@ impl RunRecord {
         let runs = cache.root.join("runs");
         let name = format!("{:014}-{}-{}.json", self.when, std::process::id(), tag(&self.graph));
         cache.write_sealed(&runs.join(name), self)?;
-        let mut all = list(&runs)?;
-        all.truncate(all.len().saturating_sub(KEPT));
-        all.iter().try_for_each(|old| remove(old))
+        let mut bytes = 0;
+        for (rank, old) in list(&runs)?.iter().rev().enumerate() {
+            bytes += std::fs::metadata(old).map_or(0, |meta| meta.len());
+            if rank > 0 && (rank >= KEPT || bytes > KEPT_BYTES) {
+                remove(old)?;
+            }
+        }
+        Ok(())
     }
 }
 
@@ -128,8 +135,7 @@ impl Cache {
             ending.as_ref().is_none_or(|ending| path.to_string_lossy().ends_with(ending))
         });
         paths.reverse();
-        let cache = self.clone();
-        Ok(paths.into_iter().filter_map(move |path| match cache.sealed(&path) {
+        Ok(paths.into_iter().filter_map(|path| match sealed(&path) {
             Ok(Entry::Found(run)) => Some(run),
             _ => None,
         }))

@@ -7,7 +7,7 @@ use std::time::{Duration, SystemTime};
 
 use serde::Serialize;
 
-use super::cache::{Cache, CacheError, Entry, list, remove};
+use super::cache::{Cache, CacheError, Entry, list, remove, sealed};
 use super::key::Digest;
 use super::record::Record;
 use super::running::Live;
@@ -110,21 +110,20 @@ impl Cache {
         let mut report = Verified::default();
         for file in self.walk("objects")? {
             let name = file.path.file_stem().and_then(|stem| stem.to_str());
-            match name.and_then(|name| name.parse::<Digest>().ok()) {
-                Some(digest) => match self.object(&digest)? {
-                    Entry::Found(_) => report.objects += 1,
-                    Entry::Missing => {}
-                    Entry::Corrupt(path) => report.corrupt.push(path),
-                },
-                None => {
-                    remove(&file.path)?;
-                    report.corrupt.push(file.path);
-                }
+            let Some(digest) = name.and_then(|name| name.parse::<Digest>().ok()) else {
+                remove(&file.path)?;
+                report.corrupt.push(file.path);
+                continue;
+            };
+            match self.object(&digest)? {
+                Entry::Found(_) => report.objects += 1,
+                Entry::Missing => {}
+                Entry::Corrupt(path) => report.corrupt.push(path),
             }
         }
         let mut whole = Vec::new();
         for file in self.walk("records")? {
-            match self.sealed::<Record>(&file.path)? {
+            match sealed::<Record>(&file.path)? {
                 Entry::Found(record) => whole.push(record.digest),
                 Entry::Missing => {}
                 Entry::Corrupt(path) => report.corrupt.push(path),
@@ -208,19 +207,9 @@ impl Cache {
                 *count += 1;
                 report.bytes += file.bytes;
             }
-            self.remove_empty(&self.root.join(part))?;
+            remove_empty(&self.root.join(part))?;
         }
         Ok(report)
-    }
-
-    fn remove_empty(&self, dir: &Path) -> Result<(), CacheError> {
-        for path in list(dir)? {
-            if path.is_dir() {
-                self.remove_empty(&path)?;
-                let _ = fs::remove_dir(&path);
-            }
-        }
-        Ok(())
     }
 
     /// All files below a part of the directory. Files that vanish meanwhile are left out.
@@ -239,4 +228,15 @@ impl Cache {
         }
         Ok(files.into_values().collect())
     }
+}
+
+fn remove_empty(dir: &Path) -> Result<(), CacheError> {
+    for path in list(dir)? {
+        if path.is_dir() {
+            remove_empty(&path)?;
+            // Another process may have written there meanwhile; then it stays.
+            let _ = fs::remove_dir(&path);
+        }
+    }
+    Ok(())
 }

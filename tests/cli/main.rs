@@ -1,4 +1,5 @@
 //! The command line with toy nodes: `examples/own_nodes.rs`.
+#![allow(clippy::unwrap_used)]
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};

@@ -262,7 +262,8 @@ fn equal_calls_in_flight_execute_once() {
 
 #[test]
 fn the_bytes_do_not_depend_on_the_number_of_workers() {
-    let text: String = (1..200).map(|i| format!("{}\n", 1.0 / f64::from(i))).collect();
+    let lines: Vec<_> = (1..200).map(|i| (1.0 / f64::from(i)).to_string()).collect();
+    let text = lines.join("\n");
     let mut all = Vec::new();
     for jobs in [1, 2, 8] {
         let mut lab = Lab::new();

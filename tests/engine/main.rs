@@ -1,4 +1,5 @@
 //! The engine on toy nodes: each test says which calls executed.
+#![allow(clippy::unwrap_used)]
 
 #[path = "../toy/mod.rs"]
 mod toy;
@@ -6,4 +7,5 @@ mod toy;
 mod caching;
 mod failures;
 mod lab;
+mod oracle;
 mod sharing;
