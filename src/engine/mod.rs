@@ -1,1 +1,36 @@
 //! Runs a plan: keys, cache, scheduling, events.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`key`] | what an output depends on, and the key made of it |
+//! | [`sources`] | input files, one consistent snapshot a run |
+//! | [`record`] | what the cache remembers of an output |
+//! | [`cache`] | the cache directory: objects and records |
+//! | [`upkeep`] | its size, verification and collection |
+//! | [`running`] | which processes use it now |
+//! | [`history`] | what recent runs did |
+//! | [`schedule`] | [`run`]: workers, order, outcome |
+//! | [`event`] | all that a run tells the outside |
+//! | [`forecast`], [`why`] | what a run would do, and why |
+
+pub mod cache;
+mod cone;
+mod coordinator;
+pub mod event;
+pub mod forecast;
+mod held;
+pub mod history;
+pub mod key;
+pub mod record;
+pub mod running;
+pub mod schedule;
+pub mod sources;
+pub mod upkeep;
+pub mod why;
+mod worker;
+
+pub use cache::{Cache, CacheError};
+pub use event::{Event, Totals};
+pub use key::{Digest, Ingredients};
+pub use record::Record;
+pub use schedule::{Cancel, Options, Outcome, State, run};

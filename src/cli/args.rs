@@ -1,0 +1,261 @@
+//! The arguments of every command.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+use crate::export::Format;
+
+/// Declarative graphs for spectral shape analysis, recomputing only what an edit touches.
+#[derive(Parser)]
+#[command(name = "salient", version, max_term_width = 100)]
+#[command(
+    after_help = "Exit codes: 0 done; 1 a node failed or the cache cannot be used; 2 the call \
+    or the graph is wrong; 130 interrupted.\nResults go to standard output, all else to standard error."
+)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Subcommand)]
+pub enum Command {
+    /// Compute what a graph shows, and print a table of results
+    Run(RunArgs),
+    /// Write one node's output in a format of other tools
+    Get(GetArgs),
+    /// Report all that is wrong with graph files
+    Check(CheckArgs),
+    /// List what a run would find in the cache and what it would compute, and why
+    Plan(PlanArgs),
+    /// Print the plan as a picture
+    Graph(GraphArgs),
+    /// Document the kinds of node
+    Nodes(NodesArgs),
+    /// Look after the cache
+    Cache(CacheArgs),
+    /// Print a completion script
+    Completions {
+        /// For which shell
+        shell: clap_complete::Shell,
+    },
+}
+
+/// Which graph, and how it is changed.
+#[derive(Args)]
+pub struct GraphChoice {
+    /// The graph file; paths in it are relative to it
+    pub graph: PathBuf,
+    /// Replace a param of the graph (`shapes=files("DIR/*.off")`) or of a node (`fa/patches.radius=2.0`)
+    #[arg(long = "set", value_name = "NAME=RON")]
+    pub sets: Vec<String>,
+    /// Only these variants; repeat it, or separate names by commas
+    #[arg(long = "variant", value_name = "NAME", value_delimiter = ',')]
+    pub variants: Vec<String>,
+}
+
+/// Where the cache is.
+#[derive(Args)]
+pub struct CacheChoice {
+    /// The cache directory, which any number of processes and hosts may share [default: `SALIENT_CACHE`, else
+    /// `XDG_CACHE_HOME/salient`, else `~/.cache/salient`]
+    #[arg(long = "cache", value_name = "DIR")]
+    pub dir: Option<PathBuf>,
+}
+
+/// How fast to compute; never changes a result.
+#[derive(Args)]
+pub struct Effort {
+    /// How many threads compute [default: one per processor]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub jobs: Option<u16>,
+    /// How many gigabytes of outputs are held in memory between nodes; what does not fit is read from the cache again
+    #[arg(long, value_name = "GB", default_value = "4", value_parser = gigabytes)]
+    pub memory: u64,
+}
+
+#[derive(Args)]
+pub struct RunArgs {
+    #[command(flatten)]
+    pub graph: GraphChoice,
+    #[command(flatten)]
+    pub cache: CacheChoice,
+    #[command(flatten)]
+    pub effort: Effort,
+    /// Write each result to this folder, as JSON and as safetensors
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print events as lines of JSON on standard output; the last has `"event": "results"`, with the digest, summary
+    /// and defects of each result
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Args)]
+pub struct GetArgs {
+    #[command(flatten)]
+    pub graph: GraphChoice,
+    /// The node's address: `basis`, `fa/basis` in a subgraph call, `mesh[cat]` on an axis, `paper:match` in a variant
+    pub node: String,
+    /// The file to write; `-` or nothing is standard output
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// The format [default: by the extension of FILE, else json]
+    #[arg(long, value_enum)]
+    pub format: Option<Format>,
+    #[command(flatten)]
+    pub cache: CacheChoice,
+    #[command(flatten)]
+    pub effort: Effort,
+}
+
+#[derive(Args)]
+pub struct CheckArgs {
+    /// Graph files
+    #[arg(required = true)]
+    pub graphs: Vec<PathBuf>,
+    /// Print one JSON document
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Args)]
+pub struct PlanArgs {
+    #[command(flatten)]
+    pub graph: GraphChoice,
+    #[command(flatten)]
+    pub cache: CacheChoice,
+    /// Explain why this node would execute: which param, file, input or version changed, and since when
+    #[arg(long, value_name = "NODE")]
+    pub why: Option<String>,
+    /// Print one JSON document
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Args)]
+pub struct GraphArgs {
+    #[command(flatten)]
+    pub graph: GraphChoice,
+    /// The language of the picture
+    #[arg(long, value_enum, default_value = "dot")]
+    pub format: Picture,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum Picture {
+    /// Graphviz
+    Dot,
+    /// Mermaid, as Markdown pages show it
+    Mermaid,
+}
+
+#[derive(Args)]
+pub struct NodesArgs {
+    /// One kind, in full
+    pub kind: Option<String>,
+    /// Print the JSON schema of its params
+    #[arg(long, requires = "kind")]
+    pub schema: bool,
+}
+
+#[derive(Args)]
+pub struct CacheArgs {
+    #[command(flatten)]
+    pub cache: CacheChoice,
+    /// Print one JSON document
+    #[arg(long, global = true)]
+    pub json: bool,
+    #[command(subcommand)]
+    pub command: CacheCommand,
+}
+
+#[derive(Subcommand)]
+pub enum CacheCommand {
+    /// Count what is there
+    Stat,
+    /// Read and check everything; damaged files are removed
+    Verify,
+    /// Remove what is too old or too much. What was used within the last hour, or since an hour before the oldest
+    /// living run on any host began, is never removed
+    Gc {
+        /// Remove outputs, longest unused first, until at most this much is left (`10GB`, `500MB`)
+        #[arg(long, value_name = "SIZE", value_parser = size)]
+        max_size: Option<u64>,
+        /// Remove what was not used for so long (`30d`, `12h`)
+        #[arg(long, value_name = "AGE", value_parser = age)]
+        max_age: Option<Duration>,
+    },
+    /// Remove everything; refused while runs use the cache
+    Clear,
+}
+
+fn split(text: &str) -> (&str, String) {
+    let end = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
+    (&text[..end], text[end..].trim().to_lowercase())
+}
+
+fn scaled(number: &str, unit: Option<f64>) -> Option<f64> {
+    number.parse::<f64>().ok().zip(unit).map(|(number, unit)| number * unit)
+}
+
+fn size(text: &str) -> Result<u64, String> {
+    let (number, unit) = split(text.trim());
+    let unit = match unit.as_str() {
+        "" | "b" => Some(1.0),
+        "kb" | "k" => Some(1e3),
+        "mb" | "m" => Some(1e6),
+        "gb" | "g" => Some(1e9),
+        "tb" | "t" => Some(1e12),
+        "kib" => Some(1024.0),
+        "mib" => Some(1024.0 * 1024.0),
+        "gib" => Some(1024.0 * 1024.0 * 1024.0),
+        _ => None,
+    };
+    scaled(number, unit).map(|bytes| bytes as u64).ok_or_else(|| "a size like 10GB or 500MB".into())
+}
+
+fn age(text: &str) -> Result<Duration, String> {
+    let (number, unit) = split(text.trim());
+    let unit = match unit.as_str() {
+        "s" => Some(1.0),
+        "m" | "min" => Some(60.0),
+        "h" => Some(3600.0),
+        "d" => Some(24.0 * 3600.0),
+        "w" => Some(7.0 * 24.0 * 3600.0),
+        _ => None,
+    };
+    let wrong = || "an age like 30d or 12h".to_owned();
+    let seconds = scaled(number, unit).ok_or_else(wrong)?;
+    Duration::try_from_secs_f64(seconds).map_err(|_| wrong())
+}
+
+fn gigabytes(text: &str) -> Result<u64, String> {
+    let number = text.parse::<f64>().ok().filter(|x| x.is_finite() && *x >= 0.0);
+    number.map(|x| (x * 1e9) as u64).ok_or_else(|| "a number of gigabytes, 0 or more".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_arguments_are_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn sizes_and_ages() {
+        assert_eq!(size("10GB"), Ok(10_000_000_000));
+        assert_eq!(size("1.5 MiB"), Ok(1_572_864));
+        assert_eq!(size("7"), Ok(7));
+        assert!(size("GB").is_err() && size("3 apples").is_err() && size("-1GB").is_err());
+        assert_eq!(age("30d"), Ok(Duration::from_secs(30 * 86400)));
+        assert_eq!(age("1.5h"), Ok(Duration::from_secs(5400)));
+        assert!(age("30").is_err() && age("d").is_err());
+        assert_eq!(gigabytes("0"), Ok(0));
+        assert!(gigabytes("inf").is_err());
+    }
+}

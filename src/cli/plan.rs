@@ -1,0 +1,280 @@
+//! `salient check`, `salient plan` and `salient graph`.
+
+use std::io::IsTerminal;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use petgraph::graph::NodeIndex;
+use petgraph::visit::EdgeRef;
+use salient_sdk::Registry;
+use serde_json::{Value, json};
+
+use super::args::{CheckArgs, GraphArgs, GraphChoice, Picture, PlanArgs};
+use super::fail::Fail;
+use super::text::{ago, complain, count, print, print_json, seconds, table};
+use crate::engine::forecast::{Forecast, Verdict};
+use crate::engine::why::{Cause, Explanation, why};
+use crate::diagnostics::Diagnostics;
+use crate::graph::{Overrides, Plan};
+
+/// Plans a graph, or says all that is wrong with it.
+pub fn load(choice: &GraphChoice, registry: &Registry) -> Result<Plan, Fail> {
+    let variants = (!choice.variants.is_empty()).then(|| choice.variants.clone());
+    let overrides = Overrides { sets: choice.sets.clone(), variants };
+    crate::graph::plan(&choice.graph, &overrides, registry).map_err(Fail::Graph)
+}
+
+/// Diagnostics on standard error, with the places in the graph file.
+pub fn show(diagnostics: &Diagnostics) {
+    let stderr = std::io::stderr();
+    let color = stderr.is_terminal() && std::env::var_os("NO_COLOR").is_none();
+    complain(diagnostics.render(color).trim_end());
+}
+
+/// The call of an address.
+pub fn find(plan: &Plan, address: &str) -> Result<NodeIndex, Fail> {
+    if let Some(call) = plan.addresses.get(address) {
+        return Ok(*call);
+    }
+    let nearest = plan
+        .addresses
+        .keys()
+        .map(|name| (strsim::damerau_levenshtein(name, address), name))
+        .min()
+        .filter(|(distance, name)| *distance <= name.len().max(3) / 2);
+    let help = match nearest {
+        Some((_, name)) => format!("did you mean `{name}`?"),
+        None => format!("`salient graph {}` shows all of them", plan.file.display()),
+    };
+    let message = format!("no node has the address `{address}`");
+    Err(Fail::Usage { message, help: Some(help) })
+}
+
+/// `salient check`.
+pub fn check(args: &CheckArgs, registry: &Registry) -> Result<(), Fail> {
+    let (mut documents, mut wrong) = (Vec::new(), false);
+    for file in &args.graphs {
+        let name = file.display().to_string();
+        match crate::graph::plan(file, &Overrides::default(), registry) {
+            Ok(plan) if args.json => documents.push(json!({
+                "graph": name,
+                "ok": true,
+                "nodes": plan.dag.node_count(),
+                "results": plan.show.len(),
+                "diagnostics": [],
+            })),
+            Ok(plan) => {
+                let (nodes, results) = (plan.dag.node_count(), plan.show.len());
+                let sizes = format!("{}, {}", count(nodes, "node"), count(results, "result"));
+                print(format!("{name}: {sizes}\n").as_bytes())?;
+            }
+            Err(diagnostics) => {
+                wrong = true;
+                if args.json {
+                    let list = diagnostics.json();
+                    documents.push(json!({ "graph": name, "ok": false, "diagnostics": list }));
+                } else {
+                    show(&diagnostics);
+                }
+            }
+        }
+    }
+    if args.json {
+        print_json(&documents)?;
+    }
+    if wrong { Err(Fail::WrongReported) } else { Ok(()) }
+}
+
+/// `salient plan`.
+pub fn plan(args: &PlanArgs, registry: &Registry) -> Result<(), Fail> {
+    let plan = load(&args.graph, registry)?;
+    let asked = args.why.as_ref().map(|address| find(&plan, address)).transpose()?;
+    let cache = args.cache.open()?;
+    let mut wanted: Vec<_> = plan.show.iter().map(|shown| shown.call).collect();
+    wanted.extend(asked);
+    let forecast = Forecast::new(&plan, &wanted, &cache)?;
+    if let Some(call) = asked {
+        let explanation = why(&plan, &forecast, call, &cache)?;
+        return if args.json {
+            print_json(&explanation)
+        } else {
+            print(explain(&explanation).as_bytes())
+        };
+    }
+    if args.json {
+        print_json(&forecast_json(&plan, &forecast))
+    } else {
+        print(forecast_text(&plan, &forecast).as_bytes())
+    }
+}
+
+fn forecast_json(plan: &Plan, forecast: &Forecast) -> Value {
+    let call = |call: &NodeIndex| {
+        let prospect = &forecast.calls[call];
+        let mut value = json!(prospect.verdict);
+        value["node"] = plan.name(*call).into();
+        value["addresses"] = json!(plan.dag[*call].addresses);
+        value["kind"] = plan.dag[*call].node.kind().into();
+        value["expected_seconds"] = json!(prospect.seconds);
+        value["digest"] = json!(prospect.record.as_ref().map(|record| record.digest));
+        value
+    };
+    json!({
+        "graph": plan.file.display().to_string(),
+        "calls": forecast.order.iter().map(call).collect::<Vec<_>>(),
+    })
+}
+
+fn forecast_text(plan: &Plan, forecast: &Forecast) -> String {
+    let mut rows = Vec::new();
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    let mut expected = 0.0;
+    for call in &forecast.order {
+        let prospect = &forecast.calls[call];
+        let (word, note) = match &prospect.verdict {
+            Verdict::Hit => ("hit", String::new()),
+            Verdict::Miss => ("miss", String::new()),
+            Verdict::Evicted { needed_by } => (
+                "evicted",
+                format!("known, but its bytes were collected and {needed_by} needs them"),
+            ),
+            Verdict::DependsOnMiss { of } => ("depends on a miss", some(of)),
+            Verdict::Unreadable { message } => ("unreadable", message.clone()),
+        };
+        *counts.entry(word).or_default() += 1;
+        let time = prospect.seconds.filter(|_| prospect.verdict.executes());
+        expected += time.unwrap_or_default();
+        let time = time.map(|time| format!("{} s", seconds(time))).unwrap_or_default();
+        let kind = plan.dag[*call].node.kind().to_owned();
+        rows.push(vec![word.to_owned(), plan.name(*call).to_owned(), kind, time, note]);
+    }
+    let counts: Vec<_> =
+        counts.into_iter().map(|(word, count)| format!("{count} {word}")).collect();
+    let mut text = table(&rows, 0, &[3]);
+    let _ = write!(text, "\n{}: {}", count(rows.len(), "node"), counts.join(", "));
+    if expected > 0.0 {
+        let _ = write!(text, "; about {} s of computing, by former runs", seconds(expected));
+    }
+    text + "\n"
+}
+
+fn some(names: &[String]) -> String {
+    let shown = names.iter().take(3).cloned().collect::<Vec<_>>().join(", ");
+    if names.len() > 3 { format!("{shown} and {} more", names.len() - 3) } else { shown }
+}
+
+/// An explanation as indented lines, each input followed up to what changed.
+fn explain(explanation: &Explanation) -> String {
+    let Explanation { node, verdict, since, causes } = explanation;
+    let what = match verdict {
+        Verdict::Hit => return format!("{node} is in the cache\n"),
+        Verdict::DependsOnMiss { .. } => "rests on nodes that would be computed",
+        Verdict::Unreadable { .. } => "would fail",
+        _ => "would be computed",
+    };
+    let since = match since {
+        Some(when) => format!(" (compared with the run {})", ago(*when)),
+        None => {
+            " (this graph has not computed it; compared with the nearest node of its kind)".into()
+        }
+    };
+    let since = if causes == &[Cause::NeverComputed] { String::new() } else { since };
+    let mut text = format!("{node} {what}{since}:\n");
+    lines(causes, 1, &mut text);
+    text
+}
+
+fn lines(causes: &[Cause], depth: usize, text: &mut String) {
+    for cause in causes {
+        let _ = writeln!(text, "{}{}", "  ".repeat(depth), line(cause));
+        if let Cause::Input { because, .. } = cause {
+            lines(because, depth + 1, text);
+        }
+    }
+}
+
+fn line(cause: &Cause) -> String {
+    let value = |value: &Option<Value>| {
+        value.as_ref().map_or_else(|| "nothing".to_owned(), Value::to_string)
+    };
+    match cause {
+        Cause::NeverComputed => "it was never computed in this cache".into(),
+        Cause::FailedBefore { message } => format!("it failed last time: {message}"),
+        Cause::Param { name, before, now } => {
+            format!("param `{name}` was {}, is {}", value(before), value(now))
+        }
+        Cause::File { param, before, now } if before == now => {
+            format!("the content of {now} (param `{param}`) changed")
+        }
+        Cause::File { param, before, now } => {
+            format!("param `{param}` names {now}, whose content is not that of {before}")
+        }
+        Cause::Read { param, beside } => {
+            format!("the content of {beside}, which lies beside the file of `{param}`, changed")
+        }
+        Cause::Input { port, label, from, because } => {
+            let label = if label.is_empty() { String::new() } else { format!(" [{label}]") };
+            let because = if because.is_empty() { " (see above)" } else { ":" };
+            format!("input `{port}`{label} from {from} changed or may change{because}")
+        }
+        Cause::MoreInputs { count: more } => format!("and {}", count(*more, "more input")),
+        Cause::Rewired { port, before, now } => {
+            format!("port `{port}` was fed by {}, is fed by {}", list(before), list(now))
+        }
+        Cause::Version { before, now } => {
+            format!("the node's version was {before}, is {now}")
+        }
+        Cause::Format { before, now } => {
+            format!("the format of its output was {before}, is {now}")
+        }
+        Cause::Evicted { needed_by } => {
+            format!("its output was removed from the cache, and {needed_by} needs it")
+        }
+        Cause::RecordGone => {
+            "nothing changed, but what the cache knew of it was removed or damaged".into()
+        }
+        Cause::Unreadable { message } => message.clone(),
+    }
+}
+
+fn list(names: &[String]) -> String {
+    if names.is_empty() { "nothing".into() } else { some(names) }
+}
+
+/// `salient graph`.
+pub fn graph(args: &GraphArgs, registry: &Registry) -> Result<(), Fail> {
+    let plan = load(&args.graph, registry)?;
+    let shown = |call: NodeIndex| plan.show.iter().any(|shown| shown.call == call);
+    let mut text = match args.format {
+        Picture::Dot => "digraph {\n  rankdir=LR;\n  node [shape=box];\n".to_owned(),
+        Picture::Mermaid => "flowchart LR\n".to_owned(),
+    };
+    for call in plan.dag.node_indices() {
+        let (id, name, kind) = (call.index(), plan.name(call), plan.dag[call].node.kind());
+        let line = match args.format {
+            Picture::Dot => {
+                let bold = if shown(call) { ", style=bold" } else { "" };
+                let name = name.replace('\\', "\\\\").replace('"', "\\\"");
+                format!("  n{id} [label=\"{name}\\n{kind}\"{bold}];\n")
+            }
+            Picture::Mermaid => {
+                let (open, close) = if shown(call) { ("[[", "]]") } else { ("[", "]") };
+                let name = name.replace('"', "#quot;");
+                format!("  n{id}{open}\"{name}<br>{kind}\"{close}\n")
+            }
+        };
+        text.push_str(&line);
+    }
+    for edge in plan.dag.edge_references() {
+        let (from, to, port) = (edge.source().index(), edge.target().index(), edge.weight().port);
+        let line = match args.format {
+            Picture::Dot => format!("  n{from} -> n{to} [label=\"{port}\"];\n"),
+            Picture::Mermaid => format!("  n{from} -->|{port}| n{to}\n"),
+        };
+        text.push_str(&line);
+    }
+    if matches!(args.format, Picture::Dot) {
+        text.push_str("}\n");
+    }
+    print(text.as_bytes())
+}

@@ -1,0 +1,142 @@
+//! `salient run` and `salient get`.
+
+use std::path::{Path, PathBuf};
+
+use petgraph::graph::NodeIndex;
+use salient_sdk::Registry;
+use serde_json::json;
+
+use super::args::{CacheChoice, Effort, GetArgs, RunArgs};
+use super::fail::Fail;
+use super::plan::{find, load};
+use super::progress::{Progress, json_line, totals};
+use super::results::{result, stages, write};
+use super::text::{complain, print};
+use crate::engine::{Cache, Cancel, Options, Outcome, State, run as run_plan};
+use crate::export::{Format, export};
+use crate::graph::Plan;
+
+impl CacheChoice {
+    /// Opens the chosen cache.
+    pub fn open(&self) -> Result<Cache, Fail> {
+        Ok(Cache::open(&self.path()?)?)
+    }
+
+    fn path(&self) -> Result<PathBuf, Fail> {
+        let var =
+            |name| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+        let chosen = self.dir.clone().or_else(|| var("SALIENT_CACHE"));
+        let default = || Some(var("XDG_CACHE_HOME")?.join("salient"));
+        let home = || Some(var("HOME")?.join(".cache/salient"));
+        chosen.or_else(default).or_else(home).ok_or_else(|| {
+            Fail::usage("there is no home directory for the cache; name one with --cache")
+        })
+    }
+}
+
+impl Effort {
+    fn options(&self) -> Options {
+        let default = Options::default();
+        let jobs = self.jobs.map_or(default.jobs, usize::from);
+        Options { jobs, memory: self.memory }
+    }
+}
+
+/// Stops the run at the first signal and the process at the second.
+fn listen(cancel: &Cancel) -> Result<(), Fail> {
+    let cancel = cancel.clone();
+    let handler = move || {
+        if cancel.is_cancelled() {
+            std::process::exit(130);
+        }
+        cancel.cancel();
+        complain("stopping; once more to stop at once");
+    };
+    ctrlc::set_handler(handler)
+        .map_err(|e| Fail::Lacking(format!("cannot listen for interrupts: {e}")))
+}
+
+fn compute(
+    plan: &Plan,
+    wanted: &[NodeIndex],
+    cache: &Cache,
+    effort: &Effort,
+    json: bool,
+) -> Result<Outcome, Fail> {
+    let cancel = Cancel::new();
+    listen(&cancel)?;
+    let mut progress = Progress::new(json, &cancel);
+    let outcome =
+        run_plan(plan, wanted, cache, effort.options(), &cancel, &mut |e| progress.event(e));
+    progress.finish()?;
+    Ok(outcome?)
+}
+
+/// How the command ends, by how the run did.
+fn verdict(outcome: &Outcome) -> Result<(), Fail> {
+    match outcome {
+        outcome if outcome.complete() => Ok(()),
+        outcome if outcome.cancelled => Err(Fail::Interrupted),
+        _ => Err(Fail::NodeReported),
+    }
+}
+
+/// `salient run`.
+pub fn run(args: &RunArgs, registry: &Registry) -> Result<(), Fail> {
+    let plan = load(&args.graph, registry)?;
+    let cache = args.cache.open()?;
+    let wanted: Vec<_> = plan.show.iter().map(|shown| shown.call).collect();
+    let outcome = compute(&plan, &wanted, &cache, &args.effort, args.json)?;
+    let mut lines = Vec::new();
+    for shown in &plan.show {
+        let Some(found) = result(&plan, &outcome, shown, &cache)? else { continue };
+        if args.json {
+            lines.push(found.json());
+        } else {
+            print(found.text().as_bytes())?;
+        }
+        if let Some(dir) = &args.out {
+            found.write(dir)?;
+        }
+    }
+    if args.json {
+        json_line(&json!({ "event": "results", "results": lines }))?;
+    } else {
+        // Times vary from run to run, so they are not among the results.
+        complain(&format!("\n{}", stages(&plan, &outcome)));
+        complain(&totals(&outcome.totals, outcome.seconds));
+    }
+    verdict(&outcome)
+}
+
+/// `salient get`.
+pub fn get(args: &GetArgs, registry: &Registry) -> Result<(), Fail> {
+    let file = args.output.as_deref().filter(|path| *path != Path::new("-"));
+    let format = args.format.map_or_else(|| format_of(file), Ok)?;
+    let plan = load(&args.graph, registry)?;
+    let call = find(&plan, &args.node)?;
+    let cache = args.cache.open()?;
+    let outcome = compute(&plan, &[call], &cache, &args.effort, false)?;
+    if let Some(State::Failed(_) | State::Skipped(_) | State::Cancelled) = outcome.states.get(&call)
+    {
+        return verdict(&outcome);
+    }
+    let artefact = outcome.artefact(&plan, call, &cache)?.ok_or_else(|| {
+        Fail::Lacking(format!("the output of {} vanished from the cache; run again", args.node))
+    })?;
+    if let Some(path) = file {
+        return write(path, artefact.as_ref(), format);
+    }
+    print(&export(artefact.as_ref(), format).map_err(|e| Fail::Lacking(e.0))?)
+}
+
+fn format_of(file: Option<&Path>) -> Result<Format, Fail> {
+    let Some(file) = file else { return Ok(Format::Json) };
+    let extension = file.extension().unwrap_or_default().to_string_lossy();
+    Format::of_extension(&extension).ok_or_else(|| {
+        Fail::usage(format!(
+            "no format is called `{extension}`; name one with --format for {}",
+            file.display()
+        ))
+    })
+}

@@ -1,0 +1,287 @@
+//! The cache directory: plain files, each written to a temporary and renamed.
+//!
+//! ```text
+//! version                         what this directory is
+//! objects/ab/<digest>.safetensors artefacts by the hash of their bytes, checked when read
+//! records/ab/<key>/<reads>.json   what made which artefact (self-checked)
+//! runs/<time>-<id>-<graph>.json   what recent runs did (self-checked)
+//! running/<id>                    one file per living process, touched every minute
+//! tmp/                            files being written
+//! ```
+//!
+//! Any number of processes on any number of hosts may use one directory without locks: files only
+//! ever appear whole, equal names hold equal content, and whoever loses a race has merely computed
+//! something twice.
+
+use std::fmt;
+use std::fs;
+use std::io::{self, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
+
+use serde::Serialize;
+
+use super::key::Digest;
+use super::record::{Record, seal, unseal};
+
+/// What the file `version` says.
+const VERSION: &str = "salient cache 1\n";
+/// Files used again within this time are not touched again.
+const TOUCH_AFTER: Duration = Duration::from_secs(600);
+
+/// The cache directory cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CacheError {
+    /// What failed, on which path, and the system's reason.
+    pub message: String,
+    /// What to do about it.
+    pub help: String,
+}
+
+impl CacheError {
+    pub(super) fn new(action: &str, path: &Path, error: &io::Error) -> Self {
+        let help = match error.kind() {
+            io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+                "free space with `salient cache gc --max-size 1GB`, or name another directory with --cache"
+            }
+            _ => "name another directory with --cache or SALIENT_CACHE, or make this one writable",
+        };
+        let message = format!("the cache cannot {action} {}: {error}", path.display());
+        Self { message, help: help.into() }
+    }
+}
+
+impl fmt::Display for CacheError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+impl std::error::Error for CacheError {}
+
+/// An entry of the cache that was looked up.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Entry<T> {
+    /// There, and whole.
+    Found(T),
+    /// Not there.
+    Missing,
+    /// Was there with the wrong content; it has been removed.
+    Corrupt(PathBuf),
+}
+
+/// A cache directory. Cheap to clone.
+#[derive(Clone, Debug)]
+pub struct Cache {
+    pub(super) root: PathBuf,
+}
+
+impl Cache {
+    /// Opens a cache directory, making it if needed.
+    pub fn open(root: &Path) -> Result<Self, CacheError> {
+        let cache = Self { root: root.to_owned() };
+        for part in ["objects", "records", "runs", "running", "tmp"] {
+            let path = root.join(part);
+            fs::create_dir_all(&path).map_err(|e| CacheError::new("make", &path, &e))?;
+        }
+        let version = root.join("version");
+        match fs::read_to_string(&version) {
+            Ok(found) if found == VERSION => Ok(cache),
+            Ok(found) => Err(CacheError {
+                message: format!(
+                    "{} is of another version of salient: `{}`",
+                    root.display(),
+                    found.trim()
+                ),
+                help: "name another directory with --cache, or remove this one".into(),
+            }),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => {
+                // Backup tools skip directories with this tag.
+                let tag = "Signature: 8a477f597d28d172789f06886806bc55\n# made by salient\n";
+                cache.write(&root.join("CACHEDIR.TAG"), tag.as_bytes())?;
+                cache.write(&version, VERSION.as_bytes())?;
+                Ok(cache)
+            }
+            Err(e) => Err(CacheError::new("read", &version, &e)),
+        }
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Where the object of a digest is, if it is there.
+    #[must_use]
+    pub fn object_path(&self, digest: &Digest) -> PathBuf {
+        let name = digest.to_string();
+        self.root.join("objects").join(&name[..2]).join(format!("{name}.safetensors"))
+    }
+
+    /// Keeps the bytes of an artefact. A file that is already there is replaced, so a damaged one
+    /// is healed.
+    pub fn put_object(&self, bytes: &[u8]) -> Result<Digest, CacheError> {
+        let digest = Digest::of(bytes);
+        self.write(&self.object_path(&digest), bytes)?;
+        Ok(digest)
+    }
+
+    /// The bytes of an artefact, checked against its digest.
+    pub fn object(&self, digest: &Digest) -> Result<Entry<Vec<u8>>, CacheError> {
+        let path = self.object_path(digest);
+        match fs::read(&path) {
+            Ok(bytes) if Digest::of(&bytes) == *digest => Ok(Entry::Found(bytes)),
+            Ok(_) => remove_corrupt(path),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Entry::Missing),
+            Err(e) => Err(CacheError::new("read", &path, &e)),
+        }
+    }
+
+    /// Whether an object is there, unchecked; marks it as used.
+    #[must_use]
+    pub fn has_object(&self, digest: &Digest) -> bool {
+        touch(&self.object_path(digest))
+    }
+
+    /// Removes an object that turned out not to be what it should.
+    pub fn remove_object(&self, digest: &Digest) -> Result<PathBuf, CacheError> {
+        let path = self.object_path(digest);
+        remove(&path)?;
+        Ok(path)
+    }
+
+    fn record_dir(&self, key: &Digest) -> PathBuf {
+        let name = key.to_string();
+        self.root.join("records").join(&name[..2]).join(name)
+    }
+
+    /// Keeps a record under its key.
+    pub fn put_record(&self, record: &Record) -> Result<(), CacheError> {
+        let name = format!("{}.json", record.reads_digest());
+        self.write_sealed(&self.record_dir(&record.ingredients.key()).join(name), record)
+    }
+
+    /// All records of a key, and the paths of damaged ones, which have been removed.
+    pub fn records(&self, key: &Digest) -> Result<(Vec<Record>, Vec<PathBuf>), CacheError> {
+        let (mut found, mut corrupt) = (Vec::new(), Vec::new());
+        for path in list(&self.record_dir(key))? {
+            match sealed::<Record>(&path)? {
+                Entry::Found(record) if record.ingredients.key() == *key => {
+                    touch(&path);
+                    found.push(record);
+                }
+                Entry::Found(_) => {
+                    remove(&path)?;
+                    corrupt.push(path);
+                }
+                Entry::Corrupt(path) => corrupt.push(path),
+                Entry::Missing => {}
+            }
+        }
+        Ok((found, corrupt))
+    }
+
+    pub(super) fn write_sealed(
+        &self,
+        path: &Path,
+        value: &impl Serialize,
+    ) -> Result<(), CacheError> {
+        let text = seal(value).map_err(|e| CacheError::new("write", path, &e.into()))?;
+        self.write(path, text.as_bytes())
+    }
+
+    /// Writes a whole file or nothing.
+    pub(super) fn write(&self, path: &Path, bytes: &[u8]) -> Result<(), CacheError> {
+        write_atomic(path, &self.root.join("tmp"), bytes)
+            .map_err(|e| CacheError::new("write", path, &e))
+    }
+}
+
+fn remove_corrupt<T>(path: PathBuf) -> Result<Entry<T>, CacheError> {
+    remove(&path)?;
+    Ok(Entry::Corrupt(path))
+}
+
+/// Writes a file by way of a temporary in `tmp`, which must be on the same file system, so that
+/// nobody ever sees a part of it.
+pub fn write_atomic(path: &Path, tmp: &Path, bytes: &[u8]) -> io::Result<()> {
+    // Readable by all that the umask allows: caches are shared between users.
+    let mut file = tempfile::Builder::new()
+        .permissions(fs::Permissions::from_mode(0o666))
+        .tempfile_in(tmp)
+        .map_err(|e| unwrap_path(&e))?;
+    file.write_all(bytes)?;
+    let parent = path.parent().unwrap_or(Path::new("."));
+    let mut left = 3;
+    loop {
+        fs::create_dir_all(parent)?;
+        match file.persist(path) {
+            Ok(_) => return Ok(()),
+            // A collector removed the empty folder in between.
+            Err(e) if e.error.kind() == io::ErrorKind::NotFound && left > 0 => {
+                left -= 1;
+                file = e.file;
+            }
+            Err(e) => return Err(e.error),
+        }
+    }
+}
+
+/// The system's error without the path that `tempfile` adds; ours names the file that is wanted.
+fn unwrap_path(error: &io::Error) -> io::Error {
+    let kind = error.kind();
+    error
+        .raw_os_error()
+        .map_or(io::Error::new(kind, kind.to_string()), io::Error::from_raw_os_error)
+}
+
+/// Reads a self-checked file; a damaged one is removed.
+pub(super) fn sealed<T: serde::de::DeserializeOwned>(path: &Path) -> Result<Entry<T>, CacheError> {
+    match fs::read(path) {
+        Ok(bytes) => match unseal(&bytes) {
+            Some(value) => Ok(Entry::Found(value)),
+            None => remove_corrupt(path.to_owned()),
+        },
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Entry::Missing),
+        Err(e) => Err(CacheError::new("read", path, &e)),
+    }
+}
+
+/// Marks a file as used now; false if it is not there.
+pub(super) fn touch(path: &Path) -> bool {
+    let Ok(meta) = fs::metadata(path) else { return false };
+    let now = SystemTime::now();
+    let fresh =
+        meta.modified().is_ok_and(|at| now.duration_since(at).unwrap_or_default() < TOUCH_AFTER);
+    if !fresh {
+        // Another user's file cannot be touched; then it only looks older than it is.
+        let _ = fs::File::open(path).and_then(|file| file.set_modified(now));
+    }
+    true
+}
+
+/// The entries of a folder, sorted; none if there is no such folder.
+pub(super) fn list(dir: &Path) -> Result<Vec<PathBuf>, CacheError> {
+    let error = |e: io::Error| CacheError::new("list", dir, &e);
+    let entries = match fs::read_dir(dir) {
+        Ok(entries) => entries,
+        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(e) => return Err(error(e)),
+    };
+    let mut paths = Vec::new();
+    for entry in entries {
+        paths.push(entry.map_err(error)?.path());
+    }
+    paths.sort();
+    Ok(paths)
+}
+
+/// Removes a file; it is no error if another process was faster.
+pub(super) fn remove(path: &Path) -> Result<(), CacheError> {
+    match fs::remove_file(path) {
+        Err(e) if e.kind() != io::ErrorKind::NotFound => Err(CacheError::new("remove", path, &e)),
+        _ => Ok(()),
+    }
+}

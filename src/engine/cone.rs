@@ -1,0 +1,78 @@
+//! The part of a plan that the wanted results rest on.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use petgraph::Direction;
+use petgraph::algo::toposort;
+use petgraph::graph::NodeIndex;
+
+use crate::graph::Plan;
+
+/// One call of the cone.
+pub(super) struct Place {
+    /// Calls whose output it takes, each once.
+    pub producers: BTreeSet<NodeIndex>,
+    /// Calls of the cone that take its output.
+    pub consumers: BTreeSet<NodeIndex>,
+    /// Whether its output is wanted itself.
+    pub wanted: bool,
+    /// Time along the longest path from its start to the end of the run, in seconds.
+    pub urgency: f64,
+}
+
+/// The calls that the wanted results rest on, wanted ones included.
+pub(super) struct Cone {
+    places: BTreeMap<NodeIndex, Place>,
+    /// In an order in which producers come before consumers.
+    order: Vec<NodeIndex>,
+}
+
+impl Cone {
+    pub(super) fn of(plan: &Plan, wanted: &[NodeIndex], cost: &BTreeMap<NodeIndex, f64>) -> Self {
+        let mut places: BTreeMap<NodeIndex, Place> = BTreeMap::new();
+        let wanted: BTreeSet<_> = wanted.iter().copied().collect();
+        let mut left: Vec<_> = wanted.iter().copied().collect();
+        while let Some(call) = left.pop() {
+            if places.contains_key(&call) {
+                continue;
+            }
+            let producers: BTreeSet<_> =
+                plan.dag.neighbors_directed(call, Direction::Incoming).collect();
+            left.extend(&producers);
+            let wanted = wanted.contains(&call);
+            let place = Place { producers, consumers: BTreeSet::new(), wanted, urgency: 0.0 };
+            places.insert(call, place);
+        }
+        // A plan is acyclic by contract; were it not, the order would miss the cycle's calls and
+        // the run would report them as not done.
+        let sorted = toposort(&plan.dag, None).unwrap_or_default();
+        let order: Vec<_> = sorted.into_iter().filter(|call| places.contains_key(call)).collect();
+        for call in order.iter().rev() {
+            let place = &places[call];
+            let after = place.consumers.iter().map(|c| places[c].urgency).fold(0.0, f64::max);
+            let producers = place.producers.clone();
+            if let Some(place) = places.get_mut(call) {
+                place.urgency = after + cost.get(call).copied().unwrap_or(1.0);
+            }
+            for producer in producers {
+                if let Some(place) = places.get_mut(&producer) {
+                    place.consumers.insert(*call);
+                }
+            }
+        }
+        Self { places, order }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.places.len()
+    }
+
+    /// All calls, producers before consumers.
+    pub(super) fn calls(&self) -> impl Iterator<Item = NodeIndex> + '_ {
+        self.order.iter().copied()
+    }
+
+    pub(super) fn place(&self, call: NodeIndex) -> &Place {
+        &self.places[&call]
+    }
+}

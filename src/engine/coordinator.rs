@@ -1,0 +1,360 @@
+//! Decides what is to be done next: the state of every call of a run.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use petgraph::graph::NodeIndex;
+use salient_sdk::NodeError;
+
+use super::cache::CacheError;
+use super::cone::Cone;
+use super::event::Event;
+use super::key::{Digest, Ingredients};
+use super::record::Record;
+use super::schedule::{State, digest_of};
+use super::worker::{Done, Halt, Job, Shared};
+
+/// How often a call may find that its inputs vanished from the cache before it gives up.
+const MAX_LACKS: usize = 8;
+
+/// What a call is about to do.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Step {
+    Execute,
+    Load,
+    Resolve,
+}
+
+struct Progress {
+    /// Producers whose output it waits for: not yet known, or to be computed again.
+    waiting: BTreeSet<NodeIndex>,
+    /// How it ended; may be opened again when its output was evicted and is needed after all.
+    state: Option<State>,
+    ingredients: Option<Arc<Ingredients>>,
+    /// Its output is recorded but gone: execute whatever the lookup says.
+    forced: bool,
+    /// Consumers that may still take its output.
+    pending: BTreeSet<NodeIndex>,
+    lacks: usize,
+}
+
+/// Lookups first (they are cheap and show what there is to do), then the most urgent call.
+type Rank = (Step, u64, Reverse<NodeIndex>);
+
+pub(super) struct Coordinator<'a> {
+    shared: &'a Shared<'a>,
+    cone: Cone,
+    calls: BTreeMap<NodeIndex, Progress>,
+    ready: BinaryHeap<Rank>,
+    /// For each key being computed: by whom, and who waits for it.
+    in_flight: BTreeMap<Digest, (NodeIndex, Vec<NodeIndex>)>,
+    fatal: Option<CacheError>,
+    on_event: &'a mut dyn FnMut(&Event),
+}
+
+impl<'a> Coordinator<'a> {
+    pub(super) fn new(
+        shared: &'a Shared<'a>,
+        cone: Cone,
+        on_event: &'a mut dyn FnMut(&Event),
+    ) -> Self {
+        let progress = |call| {
+            let place = cone.place(call);
+            let progress = Progress {
+                waiting: place.producers.clone(),
+                state: None,
+                ingredients: None,
+                forced: false,
+                pending: place.consumers.clone(),
+                lacks: 0,
+            };
+            (call, progress)
+        };
+        let calls = cone.calls().map(progress).collect();
+        let mut it = Self {
+            shared,
+            cone,
+            calls,
+            ready: BinaryHeap::new(),
+            in_flight: BTreeMap::new(),
+            fatal: None,
+            on_event,
+        };
+        let sources: Vec<_> =
+            it.cone.calls().filter(|call| it.calls[call].waiting.is_empty()).collect();
+        for call in sources {
+            it.push(Step::Resolve, call);
+        }
+        it
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.calls.len()
+    }
+
+    pub(super) fn has_ready(&self) -> bool {
+        !self.ready.is_empty()
+    }
+
+    /// Whether the cache failed, so that going on makes no sense.
+    pub(super) fn is_stuck(&self) -> bool {
+        self.fatal.is_some()
+    }
+
+    pub(super) fn emit(&mut self, event: &Event) {
+        (self.on_event)(event);
+    }
+
+    /// The states of all calls, and why the cache failed if it did.
+    pub(super) fn finish(self) -> (BTreeMap<NodeIndex, State>, Option<CacheError>) {
+        let state = |it: Progress| it.state.unwrap_or(State::Cancelled);
+        (self.calls.into_iter().map(|(call, it)| (call, state(it))).collect(), self.fatal)
+    }
+
+    fn push(&mut self, step: Step, call: NodeIndex) {
+        // Non-negative doubles order as their bits do.
+        let urgency = self.cone.place(call).urgency.max(0.0).to_bits();
+        self.ready.push((step, urgency, Reverse(call)));
+    }
+
+    fn at(&mut self, call: NodeIndex) -> &mut Progress {
+        self.calls.get_mut(&call).expect("only calls of the cone are scheduled")
+    }
+
+    fn digest(&self, call: NodeIndex) -> Option<Digest> {
+        self.calls[&call].state.as_ref().and_then(digest_of)
+    }
+
+    /// The most urgent job.
+    ///
+    /// `None` if the next call turned out to rest on one that has failed since.
+    pub(super) fn next(&mut self) -> Option<Job> {
+        let (step, _, Reverse(call)) = self.ready.pop()?;
+        let producers = &self.cone.place(call).producers;
+        if let Some(because) = producers.iter().find_map(|p| self.blame(*p)) {
+            self.skip(call, &because);
+            return None;
+        }
+        let inputs = producers.iter().filter_map(|p| Some((*p, self.digest(*p)?))).collect();
+        match step {
+            Step::Resolve => Some(Job::Resolve { call, inputs }),
+            Step::Load => Some(Job::Load { call, digest: self.digest(call)? }),
+            Step::Execute => {
+                let ingredients = self.at(call).ingredients.clone()?;
+                Some(Job::Execute { call, inputs, ingredients })
+            }
+        }
+    }
+
+    /// Takes in what came of a job.
+    pub(super) fn done(&mut self, call: NodeIndex, result: Result<Done, Halt>) {
+        match result {
+            Ok(Done::Hit(ingredients, record)) => self.hit(call, ingredients, record),
+            Ok(Done::Miss(ingredients)) => self.miss(call, ingredients),
+            Ok(Done::Loaded) => self.announce_hit(call),
+            Ok(Done::Lacks(producers)) => self.lacks(call, &producers),
+            Ok(Done::Computed(record)) => self.computed(call, record),
+            Err(Halt::Node(error)) => self.failed(call, error),
+            Err(Halt::Cache(error)) => {
+                self.fatal.get_or_insert(error);
+            }
+        }
+    }
+
+    fn hit(&mut self, call: NodeIndex, ingredients: Arc<Ingredients>, record: Box<Record>) {
+        if self.calls[&call].forced {
+            return self.miss(call, ingredients);
+        }
+        self.release_followers(call);
+        let it = self.at(call);
+        it.ingredients = Some(ingredients);
+        it.state = Some(State::Hit(record));
+        if self.cone.place(call).wanted {
+            self.push(Step::Load, call);
+        } else {
+            self.announce_hit(call);
+        }
+        self.settled(call);
+    }
+
+    fn announce_hit(&mut self, call: NodeIndex) {
+        let Some(digest) = self.digest(call) else { return };
+        let (node, kind) = self.title(call);
+        self.emit(&Event::Hit { node, kind, digest });
+    }
+
+    fn miss(&mut self, call: NodeIndex, ingredients: Arc<Ingredients>) {
+        let key = ingredients.key();
+        if self.calls[&call].ingredients.as_ref().is_some_and(|before| before.key() != key) {
+            self.release_followers(call);
+        }
+        self.at(call).ingredients = Some(ingredients);
+        match self.in_flight.get_mut(&key) {
+            Some((leader, followers)) if *leader != call => followers.push(call),
+            _ => {
+                self.in_flight.entry(key).or_insert((call, Vec::new()));
+                self.push(Step::Execute, call);
+            }
+        }
+    }
+
+    /// Equal calls that waited for this one look again.
+    fn release_followers(&mut self, call: NodeIndex) {
+        let Some(ingredients) = &self.calls[&call].ingredients else { return };
+        let key = ingredients.key();
+        if self.in_flight.get(&key).is_none_or(|(leader, _)| *leader != call) {
+            return;
+        }
+        let (_, followers) = self.in_flight.remove(&key).unwrap_or_default();
+        for follower in followers {
+            // What this call has stored serves the follower too.
+            self.at(follower).forced = false;
+            self.push(Step::Resolve, follower);
+        }
+    }
+
+    /// Outputs that are needed are gone: their calls run again, then this one looks again.
+    fn lacks(&mut self, call: NodeIndex, producers: &[NodeIndex]) {
+        self.at(call).lacks += 1;
+        if self.calls[&call].lacks > MAX_LACKS {
+            let message = "what it needs keeps vanishing from the cache while the run lasts";
+            return self.failed(call, NodeError::passing(message));
+        }
+        for producer in producers.iter().copied() {
+            if let Some(because) = self.blame(producer) {
+                return self.skip(call, &because);
+            }
+            // It may have been computed again just after this call looked for its output.
+            let again = matches!(self.calls[&producer].state, Some(State::Computed(_)))
+                && !self.calls[&producer].forced
+                && self.calls[&call].lacks == 1;
+            if !again {
+                if producer != call {
+                    self.at(call).waiting.insert(producer);
+                }
+                self.force(producer);
+            }
+        }
+        if self.calls[&call].waiting.is_empty() && !self.calls[&call].forced {
+            self.push(Step::Resolve, call);
+        }
+    }
+
+    /// Executes a call whose output is known but gone.
+    fn force(&mut self, call: NodeIndex) {
+        if self.calls[&call].forced {
+            return;
+        }
+        let it = self.at(call);
+        it.forced = true;
+        // Its inputs are wanted once more.
+        for producer in self.cone.place(call).producers.clone() {
+            self.at(producer).pending.insert(call);
+        }
+        match self.calls[&call].ingredients.clone() {
+            Some(ingredients) => self.miss(call, ingredients),
+            None => self.push(Step::Resolve, call),
+        }
+    }
+
+    fn computed(&mut self, call: NodeIndex, record: Box<Record>) {
+        self.release_followers(call);
+        let (node, kind) = self.title(call);
+        let event = Event::Finished {
+            node: node.clone(),
+            kind,
+            seconds: record.seconds,
+            bytes: record.bytes,
+            digest: record.digest,
+            figures: record.figures.clone(),
+        };
+        self.emit(&event);
+        let before = self.digest(call);
+        if let Some(recorded) = before.filter(|before| *before != record.digest) {
+            self.emit(&Event::Irreproducible { node, recorded, now: record.digest });
+        }
+        let it = self.at(call);
+        it.forced = false;
+        it.state = Some(State::Computed(record));
+        self.settled(call);
+    }
+
+    /// The output of a call is known: whoever waits for it may be next, and what it took can go.
+    fn settled(&mut self, call: NodeIndex) {
+        for consumer in self.cone.place(call).consumers.clone() {
+            let it = self.at(consumer);
+            if it.waiting.remove(&call) && it.waiting.is_empty() {
+                self.push(Step::Resolve, consumer);
+            }
+        }
+        self.let_go(call);
+    }
+
+    /// Drops from memory what nobody will take any more.
+    fn let_go(&mut self, call: NodeIndex) {
+        for producer in self.cone.place(call).producers.clone() {
+            self.at(producer).pending.remove(&call);
+            self.drop_unneeded(producer);
+        }
+        self.drop_unneeded(call);
+    }
+
+    fn drop_unneeded(&self, call: NodeIndex) {
+        if self.calls[&call].pending.is_empty() && !self.cone.place(call).wanted {
+            self.shared.held.drop_one(call);
+        }
+    }
+
+    fn failed(&mut self, call: NodeIndex, error: NodeError) {
+        self.release_followers(call);
+        if error.cancelled && self.shared.stop.load(Ordering::Relaxed) {
+            // What rests on it is not done either; nobody is to blame.
+            self.at(call).state = Some(State::Cancelled);
+            return;
+        }
+        let (node, kind) = self.title(call);
+        let (message, help) = (error.message.clone(), error.help.clone());
+        self.emit(&Event::Failed { node: node.clone(), kind, message, help });
+        self.at(call).state = Some(State::Failed(error));
+        self.let_go(call);
+        self.skip_after(call, &node);
+    }
+
+    /// The address of the failed call because of which this one has no output, if so.
+    fn blame(&self, call: NodeIndex) -> Option<String> {
+        match &self.calls[&call].state {
+            Some(State::Failed(_)) => Some(self.title(call).0),
+            Some(State::Skipped(because)) => Some(because.clone()),
+            _ => None,
+        }
+    }
+
+    fn skip(&mut self, call: NodeIndex, because: &str) {
+        if matches!(self.calls[&call].state, Some(State::Skipped(_))) {
+            return;
+        }
+        self.release_followers(call);
+        let (node, kind) = self.title(call);
+        self.emit(&Event::Skipped { node, kind, because: because.to_owned() });
+        self.at(call).state = Some(State::Skipped(because.to_owned()));
+        self.let_go(call);
+        self.skip_after(call, because);
+    }
+
+    /// Skips what waits for this call's output. A consumer that took the output before it was lost
+    /// goes on.
+    fn skip_after(&mut self, call: NodeIndex, because: &str) {
+        for consumer in self.cone.place(call).consumers.clone() {
+            if self.calls[&consumer].waiting.contains(&call) {
+                self.skip(consumer, because);
+            }
+        }
+    }
+
+    fn title(&self, call: NodeIndex) -> (String, String) {
+        let plan = self.shared.plan;
+        (plan.name(call).to_owned(), plan.dag[call].node.kind().to_owned())
+    }
+}

@@ -1,0 +1,11 @@
+//! The engine on toy nodes: each test says which calls executed.
+#![allow(clippy::unwrap_used)]
+
+#[path = "../toy/mod.rs"]
+mod toy;
+
+mod caching;
+mod failures;
+mod lab;
+mod oracle;
+mod sharing;
