@@ -7,7 +7,7 @@
 //! - C(a) = exp(-d² / 2 sigma²) compares descriptors, d = ||f_i - f_j||;
 //! - H(a, b) = exp(-g² / 2 sigma²) exp(-s² / 2 sigma²) compares relations: for a = (i, j), b = (p, q) the
 //!   *relative* geodesic distance g = | dist(i, p) / r_ip - dist(j, q) / r_jq |, where r is the geometric mean
-//!   of the two features' scales, and s = | ln(sf_i / sf_p) - ln(sf_j / sf_q) |. Both are free of scale and
+//!   of the two features' scales (or another [`Unit`]), and s = | ln(sf_i / sf_p) - ln(sf_j / sf_q) |. Both are free of scale and
 //!   symmetric in the two features, so H is symmetric; its diagonal is zero. x' H x counts each pair twice.
 //!
 //! Each sigma is the median of its distances over the candidates unless given. As printed, without the
@@ -32,6 +32,18 @@ pub enum Kernel {
     AsPrinted,
 }
 
+/// What a geodesic distance between two features is measured in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Unit {
+    /// The geometric mean of the two features' scales, as in the paper: free of the shape's size.
+    Scale,
+    /// The square root of the shape's area: free of its size, for whole shapes.
+    Area,
+    /// The file's unit, which both shapes share: for a part of a shape, whose eigenvalues and area differ
+    /// from the whole's.
+    Length,
+}
+
 /// When the search for a proof ends.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum Limit {
@@ -51,10 +63,12 @@ pub struct Params {
     /// Weight of the descriptors' term against the relations'. At least 0, default 1 (paper).
     #[schemars(range(min = 0.0))]
     pub beta: f64,
+    /// What geodesic distances are measured in: `Scale` (paper; default), `Area` or `Length`.
+    pub unit: Unit,
     /// Sigma of descriptor distances, without unit. Above 0; default the median over candidates.
     #[schemars(range(min = 1e-9))]
     pub sigma_descriptor: Option<f64>,
-    /// Sigma of relative geodesic distances, without unit. Above 0; default the median over candidates.
+    /// Sigma of geodesic distances in that unit. Above 0; default the median over candidates.
     #[schemars(range(min = 1e-9))]
     pub sigma_geodesic: Option<f64>,
     /// Sigma of logarithmic scale ratios. Above 0; default the median over candidates.
@@ -75,6 +89,7 @@ impl Default for Params {
         Self {
             candidates: 6,
             beta: 1.0,
+            unit: Unit::Scale,
             sigma_descriptor: None,
             sigma_geodesic: None,
             sigma_scale: None,
@@ -315,13 +330,18 @@ fn candidates(left: &Features, right: &Features, count: usize) -> Vec<Candidate>
 
 /// How far two candidates are from agreeing: differences of relative geodesic distance and of the
 /// logarithm of the scale ratio. `None` if they exclude each other or no path joins one side.
-fn relation(left: &Features, right: &Features, a: &Candidate, b: &Candidate) -> Option<(f64, f64)> {
+fn relation(left: &Features, right: &Features, a: &Candidate, b: &Candidate, unit: Unit) -> Option<(f64, f64)> {
     if a.left == b.left || a.right == b.right {
         return None;
     }
     let side = |f: &Features, i: usize, p: usize| {
         let (si, sp) = (f.features[i].scale, f.features[p].scale);
-        Some((f.distance(i, p)? / (si * sp).sqrt(), (si / sp).ln()))
+        let unit = match unit {
+            Unit::Scale => (si * sp).sqrt(),
+            Unit::Area => f.area.sqrt(),
+            Unit::Length => 1.0,
+        };
+        Some((f.distance(i, p)? / unit, (si / sp).ln()))
     };
     let (l, r) = (side(left, a.left, b.left)?, side(right, a.right, b.right)?);
     Some(((l.0 - r.0).abs(), (l.1 - r.1).abs()))
@@ -338,7 +358,7 @@ fn sigmas(left: &Features, right: &Features, candidates: &[Candidate], params: &
     if params.sigma_geodesic.is_none() || params.sigma_scale.is_none() {
         for (i, a) in candidates.iter().enumerate() {
             for b in &candidates[i + 1..] {
-                if let Some((g, s)) = relation(left, right, a, b) {
+                if let Some((g, s)) = relation(left, right, a, b, params.unit) {
                     geodesic.push(g);
                     scale.push(s);
                 }
@@ -381,7 +401,7 @@ fn problem(
     }
     for (i, a) in candidates.iter().enumerate() {
         for (j, b) in candidates.iter().enumerate().skip(i + 1) {
-            if let Some((g, s)) = relation(left, right, a, b) {
+            if let Some((g, s)) = relation(left, right, a, b, params.unit) {
                 let x = (g / sigmas.geodesic).powi(2) + (s / sigmas.scale).powi(2);
                 // Each unordered pair is given once; x' H x counts it twice.
                 builder.pair(i, j, 2.0 * kernel(x))?;
