@@ -21,6 +21,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 use super::key::Digest;
 use super::record::{Record, seal, unseal};
@@ -133,7 +134,10 @@ impl Cache {
         let path = self.object_path(digest);
         match fs::read(&path) {
             Ok(bytes) if Digest::of(&bytes) == *digest => Ok(Entry::Found(bytes)),
-            Ok(_) => remove_corrupt(path),
+            Ok(_) => {
+                let whole = |bytes: &[u8]| Digest::of(bytes) == *digest;
+                Ok(self.discard(&path, whole)?.map_or(Entry::Corrupt(path), Entry::Found))
+            }
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Entry::Missing),
             Err(e) => Err(CacheError::new("read", &path, &e)),
         }
@@ -167,20 +171,57 @@ impl Cache {
     pub fn records(&self, key: &Digest) -> Result<(Vec<Record>, Vec<PathBuf>), CacheError> {
         let (mut found, mut corrupt) = (Vec::new(), Vec::new());
         for path in list(&self.record_dir(key))? {
-            match sealed::<Record>(&path)? {
-                Entry::Found(record) if record.ingredients.key() == *key => {
+            match self.sealed(&path, |record: &Record| record.ingredients.key() == *key)? {
+                Entry::Found(record) => {
                     touch(&path);
                     found.push(record);
-                }
-                Entry::Found(_) => {
-                    remove(&path)?;
-                    corrupt.push(path);
                 }
                 Entry::Corrupt(path) => corrupt.push(path),
                 Entry::Missing => {}
             }
         }
         Ok((found, corrupt))
+    }
+
+    /// Reads a self-checked file whose content is to be `right`; a damaged one is removed.
+    pub(super) fn sealed<T: DeserializeOwned>(
+        &self,
+        path: &Path,
+        right: impl Fn(&T) -> bool,
+    ) -> Result<Entry<T>, CacheError> {
+        let whole = |bytes: &[u8]| unseal::<T>(bytes).filter(&right);
+        let bytes = match fs::read(path) {
+            Ok(bytes) => bytes,
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Entry::Missing),
+            Err(e) => return Err(CacheError::new("read", path, &e)),
+        };
+        if let Some(value) = whole(&bytes) {
+            return Ok(Entry::Found(value));
+        }
+        let healed = self.discard(path, |bytes| whole(bytes).is_some())?;
+        let healed = healed.and_then(|bytes| whole(&bytes));
+        Ok(healed.map_or(Entry::Corrupt(path.to_owned()), Entry::Found))
+    }
+
+    /// Removes a damaged file. Somebody may have replaced it by a whole one since it was read: that
+    /// one is put back, and its content returned.
+    fn discard(
+        &self,
+        path: &Path,
+        whole: impl Fn(&[u8]) -> bool,
+    ) -> Result<Option<Vec<u8>>, CacheError> {
+        let failed = |e: io::Error| CacheError::new("remove", path, &e);
+        let aside = tempfile::Builder::new().tempfile_in(self.root.join("tmp")).map_err(failed)?;
+        match fs::rename(path, aside.path()) {
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
+            renamed => renamed.map_err(failed)?,
+        }
+        let bytes = fs::read(aside.path()).map_err(failed)?;
+        if !whole(&bytes) {
+            return Ok(None);
+        }
+        aside.persist(path).map_err(|e| failed(e.error))?;
+        Ok(Some(bytes))
     }
 
     pub(super) fn write_sealed(
@@ -197,11 +238,6 @@ impl Cache {
         write_atomic(path, &self.root.join("tmp"), bytes)
             .map_err(|e| CacheError::new("write", path, &e))
     }
-}
-
-fn remove_corrupt<T>(path: PathBuf) -> Result<Entry<T>, CacheError> {
-    remove(&path)?;
-    Ok(Entry::Corrupt(path))
 }
 
 /// Writes a file by way of a temporary in `tmp`, which must be on the same file system, so that
@@ -235,18 +271,6 @@ fn unwrap_path(error: &io::Error) -> io::Error {
     error
         .raw_os_error()
         .map_or(io::Error::new(kind, kind.to_string()), io::Error::from_raw_os_error)
-}
-
-/// Reads a self-checked file; a damaged one is removed.
-pub(super) fn sealed<T: serde::de::DeserializeOwned>(path: &Path) -> Result<Entry<T>, CacheError> {
-    match fs::read(path) {
-        Ok(bytes) => match unseal(&bytes) {
-            Some(value) => Ok(Entry::Found(value)),
-            None => remove_corrupt(path.to_owned()),
-        },
-        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Entry::Missing),
-        Err(e) => Err(CacheError::new("read", path, &e)),
-    }
 }
 
 /// Marks a file as used now; false if it is not there.

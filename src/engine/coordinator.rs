@@ -191,8 +191,11 @@ impl<'a> Coordinator<'a> {
             self.release_followers(call);
         }
         self.at(call).ingredients = Some(ingredients);
+        let forced = self.calls[&call].forced;
         match self.in_flight.get_mut(&key) {
-            Some((leader, followers)) if *leader != call => followers.push(call),
+            // A forced call follows nobody: its leader may be waiting for this very output, as a
+            // call may have the key of its own input (idempotent nodes).
+            Some((leader, followers)) if *leader != call && !forced => followers.push(call),
             _ => {
                 self.in_flight.entry(key).or_insert((call, Vec::new()));
                 self.push(Step::Execute, call);

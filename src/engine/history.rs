@@ -6,7 +6,7 @@ use std::path::Path;
 use petgraph::graph::NodeIndex;
 use serde::{Deserialize, Serialize};
 
-use super::cache::{Cache, CacheError, Entry, list, remove, sealed};
+use super::cache::{Cache, CacheError, Entry, list, remove};
 use super::key::Digest;
 use super::schedule::State;
 use crate::graph::Plan;
@@ -135,7 +135,8 @@ impl Cache {
             ending.as_ref().is_none_or(|ending| path.to_string_lossy().ends_with(ending))
         });
         paths.reverse();
-        Ok(paths.into_iter().filter_map(|path| match sealed(&path) {
+        let cache = self.clone();
+        Ok(paths.into_iter().filter_map(move |path| match cache.sealed(&path, |_| true) {
             Ok(Entry::Found(run)) => Some(run),
             _ => None,
         }))

@@ -174,6 +174,7 @@ impl World {
     fn check(&mut self) {
         let (graph, expected) = (self.graph(), self.oracle());
         let ran = self.lab.run(&graph);
+        assert!(ran.outcome.complete(), "{:?} {:?}", ran.events, ran.outcome.states);
         assert!(ran.failures().is_empty() && ran.skipped().is_empty(), "{:?}", ran.events);
         assert_eq!(ran.values[&format!("n{}", self.show)], expected[&self.show].0);
         let computations: BTreeSet<_> = expected.values().map(|(_, name)| name.clone()).collect();
