@@ -10,6 +10,7 @@ use salient_sdk::{BoundNode, ParamError};
 use super::axes::{Along, Axis, Item};
 use super::file::tidy;
 use super::flatten::{Arg, Flat, Kind};
+use super::syntax::string;
 use crate::diagnostics::{Diagnostics, Span, did_you_mean};
 
 /// Params of one call, typed.
@@ -60,6 +61,7 @@ pub fn texts(
             }
             Along::Pairs { .. } => None,
         },
+        Arg::Broken => None,
     };
     params.iter().filter_map(text).collect()
 }
@@ -83,8 +85,12 @@ impl Binder {
     fn bind_new(&mut self, report: &mut Diagnostics, flat: &Flat, texts: &[Text]) -> Option<usize> {
         let kind = &flat.kind;
         let given = |name: &str| texts.iter().find(|t| t.name == name);
+        let is_broken =
+            |name: &str| flat.params.iter().any(|(n, arg)| n == name && matches!(arg, Arg::Broken));
+        let broken = flat.params.iter().any(|(_, arg)| matches!(arg, Arg::Broken));
+        let lacks = |name: &str| given(name).is_none() && !is_broken(name);
         let missing: Vec<_> =
-            kind.infos.iter().filter(|i| i.default.is_none() && given(&i.name).is_none()).collect();
+            kind.infos.iter().filter(|i| i.default.is_none() && lacks(&i.name)).collect();
         for info in &missing {
             let message = format!("`{}` needs the param `{}`", kind.node.kind(), info.name);
             report.error(flat.span, "missing-param", message).hint(format!(
@@ -100,17 +106,20 @@ impl Binder {
             Err(errors) => {
                 for error in errors {
                     // A missing param fails the whole, without saying more than is said above.
-                    if !(error.param.is_empty() && !missing.is_empty()) {
+                    if !error.param.is_empty() || (missing.is_empty() && !broken) {
                         explain(report, flat, given(&error.param), &error);
                     }
                 }
+                let path = |name: &str| given(name).and_then(|t| string(&t.text));
+                self.files(report, flat, path, texts);
                 return None;
             }
         };
-        if !missing.is_empty() {
+        let path = |name: &str| node.params()[name].as_str().map(str::to_owned);
+        let files = self.files(report, flat, path, texts)?;
+        if !missing.is_empty() || broken {
             return None;
         }
-        let files = self.files(report, flat, node.as_ref(), texts)?;
         let canonical = canonical(kind, node.as_ref(), &files);
         let next = self.bounds.len();
         let number = *self.by_value.entry((kind.node.kind(), canonical)).or_insert(next);
@@ -125,13 +134,13 @@ impl Binder {
         &mut self,
         report: &mut Diagnostics,
         flat: &Flat,
-        node: &dyn BoundNode,
+        path: impl Fn(&str) -> Option<String>,
         texts: &[Text],
     ) -> Option<BTreeMap<String, PathBuf>> {
         let mut files = BTreeMap::new();
         let mut all = true;
         for info in flat.kind.infos.iter().filter(|info| info.file) {
-            let Some(path) = node.params()[&info.name].as_str() else { continue };
+            let Some(path) = path(&info.name) else { continue };
             let text = texts.iter().find(|t| t.name == info.name);
             let full = tidy(&text.map_or(&flat.dir, |t| &t.dir).join(path));
             if !*self.exists.entry(full.clone()).or_insert_with(|| full.is_file()) {

@@ -174,7 +174,7 @@ impl Walk<'_, '_> {
         labels: &BTreeMap<usize, Vec<String>>,
     ) -> Vec<Show> {
         let names = file.show.clone().unwrap_or_else(|| file.output.iter().cloned().collect());
-        if names.is_empty() {
+        if names.is_empty() && !file.broken_show {
             self.report
                 .error(
                     file.span,
