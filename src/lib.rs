@@ -3,6 +3,7 @@
 //! | module | holds |
 //! |---|---|
 //! | [`graph`] | RON text -> calls -> checked and expanded DAG -> plan |
+//! | [`diagnostics`] | what is wrong with a graph file, and where |
 //! | [`engine`] | runs a plan: keys, content-addressed cache, scheduling, events |
 //! | [`export`] | artefacts in the formats of other tools |
 //! | [`cli`] | the command line: printing and exit codes |
@@ -10,6 +11,7 @@
 //! The engine knows no stage by name: it is given a [`salient_sdk::Registry`].
 
 pub mod cli;
+pub mod diagnostics;
 pub mod engine;
 pub mod export;
 pub mod graph;

@@ -3,8 +3,8 @@
 use std::io;
 use std::process::ExitCode;
 
+use crate::diagnostics::Diagnostics;
 use crate::engine::CacheError;
-use crate::graph::Diagnostics;
 
 /// Why a command did not do what it was asked.
 pub enum Fail {
@@ -62,7 +62,7 @@ impl Fail {
         };
         match self {
             Self::Usage { message, help } => say(&message, help.as_deref()),
-            Self::Graph(diagnostics) => super::plan::show(diagnostics),
+            Self::Graph(diagnostics) => super::plan::show(&diagnostics),
             Self::Cache(error) => say(&error.message, Some(&error.help)),
             Self::Write { path, error } => say(&format!("cannot write {path}: {error}"), None),
             Self::Lacking(message) => say(&message, None),

@@ -2,18 +2,20 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::io::IsTerminal;
 
 use petgraph::graph::NodeIndex;
-use petgraph::visit::EdgeRef;
 use salient_sdk::Registry;
 use serde_json::{Value, json};
 
 use super::args::{CheckArgs, GraphArgs, GraphChoice, Picture, PlanArgs};
 use super::fail::Fail;
 use super::text::{ago, complain, count, print, print_json, seconds, table};
+use crate::diagnostics::Diagnostics;
 use crate::engine::forecast::{Forecast, Verdict};
 use crate::engine::why::{Cause, Explanation, why};
-use crate::graph::{Diagnostics, Overrides, Plan};
+use crate::graph::picture::{to_dot, to_mermaid};
+use crate::graph::{Overrides, Plan};
 
 /// Plans a graph, or says all that is wrong with it.
 pub fn load(choice: &GraphChoice, registry: &Registry) -> Result<Plan, Fail> {
@@ -23,8 +25,9 @@ pub fn load(choice: &GraphChoice, registry: &Registry) -> Result<Plan, Fail> {
 }
 
 /// Diagnostics on standard error, with the places in the graph file.
-pub fn show(diagnostics: Diagnostics) {
-    complain(&format!("{:?}", miette::Report::new(diagnostics)));
+pub fn show(diagnostics: &Diagnostics) {
+    let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
+    complain(diagnostics.render(color).trim_end());
 }
 
 /// The call of an address.
@@ -70,7 +73,7 @@ pub fn check(args: &CheckArgs, registry: &Registry) -> Result<(), Fail> {
                     let list = diagnostics.json();
                     documents.push(json!({ "graph": name, "ok": false, "diagnostics": list }));
                 } else {
-                    show(diagnostics);
+                    show(&diagnostics);
                 }
             }
         }
@@ -240,37 +243,9 @@ fn list(names: &[String]) -> String {
 /// `salient graph`.
 pub fn graph(args: &GraphArgs, registry: &Registry) -> Result<(), Fail> {
     let plan = load(&args.graph, registry)?;
-    let shown = |call: NodeIndex| plan.show.iter().any(|shown| shown.call == call);
-    let mut text = match args.format {
-        Picture::Dot => "digraph {\n  rankdir=LR;\n  node [shape=box];\n".to_owned(),
-        Picture::Mermaid => "flowchart LR\n".to_owned(),
+    let text = match args.format {
+        Picture::Dot => to_dot(&plan),
+        Picture::Mermaid => to_mermaid(&plan),
     };
-    for call in plan.dag.node_indices() {
-        let (id, name, kind) = (call.index(), plan.name(call), plan.dag[call].node.kind());
-        let line = match args.format {
-            Picture::Dot => {
-                let bold = if shown(call) { ", style=bold" } else { "" };
-                let name = name.replace('\\', "\\\\").replace('"', "\\\"");
-                format!("  n{id} [label=\"{name}\\n{kind}\"{bold}];\n")
-            }
-            Picture::Mermaid => {
-                let (open, close) = if shown(call) { ("[[", "]]") } else { ("[", "]") };
-                let name = name.replace('"', "#quot;");
-                format!("  n{id}{open}\"{name}<br>{kind}\"{close}\n")
-            }
-        };
-        text.push_str(&line);
-    }
-    for edge in plan.dag.edge_references() {
-        let (from, to, port) = (edge.source().index(), edge.target().index(), edge.weight().port);
-        let line = match args.format {
-            Picture::Dot => format!("  n{from} -> n{to} [label=\"{port}\"];\n"),
-            Picture::Mermaid => format!("  n{from} -->|{port}| n{to}\n"),
-        };
-        text.push_str(&line);
-    }
-    if matches!(args.format, Picture::Dot) {
-        text.push_str("}\n");
-    }
     print(text.as_bytes())
 }

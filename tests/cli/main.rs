@@ -156,7 +156,7 @@ fn plan_tells_what_would_be_computed_and_why() {
     assert!(plan.contains("3 depends on a miss, 1 miss"), "{plan}");
     let why = desk.ok(&["plan", "g.ron", "--why", "total", "--set", "double.factor=3"]);
     let lines: Vec<_> = why.lines().skip(1).map(str::trim).collect();
-    assert!(lines[0].starts_with("input `terms` from slow changed"), "{why}");
+    assert!(lines[0].ends_with("from slow changed or may change:"), "{why}");
     assert!(lines.contains(&"param `factor` was 2.0, is 3.0"), "{why}");
     assert!(lines.last().unwrap().ends_with("a.txt (param `path`) changed"), "{why}");
     let json: Value = serde_json::from_str(&desk.ok(&["plan", "g.ron", "--json"])).unwrap();
@@ -274,7 +274,7 @@ fn documentation_comes_from_the_registry() {
     let schema: Value = serde_json::from_str(&desk.ok(&["nodes", "scale", "--schema"])).unwrap();
     assert_eq!(schema["properties"]["factor"]["maximum"], 10.0);
     assert!(desk.ok(&["graph", "g.ron", "--format", "mermaid"]).starts_with("flowchart LR\n"));
-    assert!(desk.ok(&["graph", "g.ron"]).contains("label=\"double\\nscale\", style=bold"));
+    assert!(desk.ok(&["graph", "g.ron"]).contains("double\\nscale"));
     assert!(desk.ok(&["completions", "bash"]).contains("complete"));
 }
 
