@@ -309,3 +309,33 @@ pub(super) fn remove(path: &Path) -> Result<(), CacheError> {
         _ => Ok(()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_is_told_apart() {
+        // Every write to this device fails as on a full disk.
+        let device = Path::new("/dev/full");
+        if let Err(error) = fs::write(device, "x").map_err(|e| CacheError::new("write", device, &e))
+        {
+            assert!(error.message.contains("/dev/full") && error.help.contains("gc"), "{error:?}");
+        }
+    }
+
+    #[test]
+    fn a_file_healed_by_another_process_is_not_removed() {
+        let dir = tempfile::tempdir().unwrap();
+        let cache = Cache::open(dir.path()).unwrap();
+        let digest = cache.put_object(b"whole").unwrap();
+        let path = cache.object_path(&digest);
+        // As if it had been read as damaged just before it was healed.
+        let healed = cache.discard(&path, |bytes| bytes == b"whole").unwrap();
+        assert_eq!(healed.as_deref(), Some(&b"whole"[..]));
+        assert_eq!(cache.object(&digest).unwrap(), Entry::Found(b"whole".to_vec()));
+        fs::write(&path, "damaged").unwrap();
+        assert_eq!(cache.object(&digest).unwrap(), Entry::Corrupt(path));
+        assert_eq!(cache.object(&digest).unwrap(), Entry::Missing);
+    }
+}
