@@ -53,6 +53,10 @@ pub struct GraphFile {
     pub output: Option<Name>,
     pub show: Option<Vec<Name>>,
     pub variants: Vec<Variant>,
+    /// Nodes with an error in their syntax.
+    pub broken: Vec<Name>,
+    /// Whether `show` has an error in its syntax.
+    pub broken_show: bool,
 }
 
 /// Reads graph files, each once.
@@ -87,7 +91,11 @@ impl Files {
             if known.is_none()
                 && let Some(from) = from
             {
-                report.error(from, "bad-subgraph", format!("{} has errors", path.display()));
+                report.error(
+                    from,
+                    "bad-subgraph",
+                    format!("{} cannot be used: it has an error", path.display()),
+                );
             }
             return known.clone();
         }
@@ -168,6 +176,8 @@ fn parse(
         output: None,
         show: None,
         variants: Vec::new(),
+        broken: Vec::new(),
+        broken_show: false,
     };
     let mut base = None;
     let mut format = false;
@@ -180,9 +190,12 @@ fn parse(
             "inputs" => file.inputs = inputs(report, &field.value),
             "params" => file.params = names(report, &field.value, "param"),
             "over" => file.over = names(report, &field.value, "axis"),
-            "nodes" => file.nodes = nodes(report, &field.value),
+            "nodes" => (file.nodes, file.broken) = nodes(report, &field.value),
             "output" => file.output = text_of(report, &field.value, "the name of a node"),
-            "show" => file.show = Some(show(report, &field.value)),
+            "show" => {
+                file.show = show(report, &field.value);
+                file.broken_show = file.show.is_none();
+            }
             "base" => base = text_of(report, &field.value, "the path of a graph file"),
             "variants" => file.variants = variants(report, &field.value),
             other => {
@@ -265,6 +278,8 @@ impl GraphFile {
                 self.variants.push(variant);
             }
         }
+        self.broken.extend(base.broken.iter().cloned());
+        self.broken_show |= base.broken_show;
         self.show = self.show.take().or_else(|| base.show.clone());
         self.output = self.output.take().or_else(|| base.output.clone());
     }
@@ -325,9 +340,10 @@ fn inputs(report: &mut Diagnostics, value: &Value) -> Vec<(Name, Name)> {
     fields.into_iter().filter_map(of).collect()
 }
 
-fn nodes(report: &mut Diagnostics, value: &Value) -> Vec<Node> {
+/// The calls, and the names of those that are none.
+fn nodes(report: &mut Diagnostics, value: &Value) -> (Vec<Node>, Vec<Name>) {
     let fields = names(report, value, "node");
-    let mut nodes = Vec::with_capacity(fields.len());
+    let (mut nodes, mut broken) = (Vec::with_capacity(fields.len()), Vec::new());
     for Field { name, value } in fields {
         match value.call(report) {
             Some(Call::Named(kind, fields)) if !kind.text.is_empty() => {
@@ -335,23 +351,24 @@ fn nodes(report: &mut Diagnostics, value: &Value) -> Vec<Node> {
                 nodes.push(Node { name, kind, fields });
             }
             _ => {
+                broken.push(name);
                 report
                     .error(value.span, "syntax", "a node is written as a call of its kind")
                     .hint("for example `load(path: \"cat.off\")`; each field has a name");
             }
         }
     }
-    nodes
+    (nodes, broken)
 }
 
-fn show(report: &mut Diagnostics, value: &Value) -> Vec<Name> {
+fn show(report: &mut Diagnostics, value: &Value) -> Option<Vec<Name>> {
     let Some(items) = value.list(report) else {
         report
             .error(value.span, "syntax", "what is shown is a list of names")
             .hint("for example `show: [\"match\"]`");
-        return Vec::new();
+        return None;
     };
-    items.iter().filter_map(|item| text_of(report, item, "the name of a node")).collect()
+    items.iter().map(|item| text_of(report, item, "the name of a node")).collect()
 }
 
 fn variants(report: &mut Diagnostics, value: &Value) -> Vec<Variant> {

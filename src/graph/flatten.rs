@@ -14,6 +14,8 @@ use crate::diagnostics::{Diagnostics, Span, did_you_mean, suggest};
 
 /// Nodes that a graph may have before axes are expanded.
 const MOST_NODES: usize = 100_000;
+/// Subgraph calls that may be inside one another.
+const DEEPEST: usize = 64;
 
 /// A kind of node with its documented params.
 pub struct Kind {
@@ -57,6 +59,8 @@ pub enum Arg {
     Text(Value),
     /// The item of an axis.
     Each(usize, Span),
+    /// Given, but wrong, which has been reported.
+    Broken,
 }
 
 /// One node call, its address unique in the variant.
@@ -191,6 +195,8 @@ impl<'a, 'r> Walk<'a, 'r> {
         for (i, (name, _)) in file.inputs.iter().enumerate() {
             names.insert(name.text.clone(), Entry::Input(i));
         }
+        self.holes |= !file.broken.is_empty();
+        names.extend(file.broken.iter().map(|name| (name.text.clone(), Entry::Broken)));
         self.scopes.push(Scope {
             file: file.clone(),
             address,
@@ -245,11 +251,8 @@ impl<'a, 'r> Walk<'a, 'r> {
             if let Some(port) = ports.iter().position(|p| *p == name) {
                 wires.push((port, field.value.clone()));
             } else if params.contains(&name) {
-                if let Some(arg) = self.arg(scope, &field.value) {
-                    args.push((name.to_owned(), arg));
-                } else {
-                    self.holes = true;
-                }
+                let arg = self.arg(scope, &field.value).unwrap_or(Arg::Broken);
+                args.push((name.to_owned(), arg));
             } else {
                 let both: Vec<&str> = ports.iter().chain(&params).copied().collect();
                 let hint = suggest(name, "ports and params", &both);
@@ -258,8 +261,7 @@ impl<'a, 'r> Walk<'a, 'r> {
             }
         }
         for (name, value) in self.overrides_at(&address, kind.node.kind(), &params, &ports) {
-            let arg = self.arg(0, &value);
-            let Some(arg) = arg else { continue };
+            let arg = self.arg(0, &value).unwrap_or(Arg::Broken);
             match args.iter_mut().find(|(n, _)| *n == name) {
                 Some(old) => old.1 = arg,
                 None => args.push((name, arg)),
@@ -309,6 +311,14 @@ impl<'a, 'r> Walk<'a, 'r> {
 
     fn subgraph(&mut self, scope: usize, node: &Node) -> Entry {
         let address = self.scopes[scope].inside(&node.name.text);
+        if self.scopes.len() >= MOST_NODES || self.chain.len() >= DEEPEST {
+            let message = format!(
+                "more than {MOST_NODES} subgraph calls, or more than {DEEPEST} in one another"
+            );
+            self.report.error(node.name.span, "too-large", message);
+            self.holes = true;
+            return Entry::Broken;
+        }
         let Some(file) = self.subgraph_file(scope, node, &address) else {
             self.holes = true;
             return Entry::Broken;

@@ -173,12 +173,14 @@ impl Value {
         let mut fields = Vec::with_capacity(entries.len());
         for (key, value) in entries {
             let key = self.piece(&text, key);
-            match key.string(report) {
-                Some(name) => fields.push(Field { name, value: self.piece(&text, value) }),
-                None => {
-                    report.error(key.span, "syntax", "a name here is written in quotation marks");
-                }
-            }
+            let name = key.string(report).unwrap_or_else(|| {
+                let text = report.sources.text(key.span).to_owned();
+                report
+                    .error(key.span, "syntax", "a name here is written in quotation marks")
+                    .hint(format!("write \"{text}\""));
+                Name { text, span: key.span }
+            });
+            fields.push(Field { name, value: self.piece(&text, value) });
         }
         Some(fields)
     }

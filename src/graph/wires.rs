@@ -32,12 +32,18 @@ pub struct Used {
     pub inputs: BTreeSet<(usize, usize)>,
     /// Inputs whose wire is wrong, which has been reported.
     pub broken: BTreeSet<(usize, usize)>,
+    /// Scopes with a wire that is wrong, which may have been meant for an input.
+    pub torn: BTreeSet<usize>,
 }
 
 impl Walk<'_, '_> {
     /// What is wired by a value, read in a scope. `None` if there is an error, which is reported.
     pub fn target(&mut self, used: &mut Used, scope: usize, value: &Value) -> Option<Target> {
-        self.target_within(used, scope, value, 0)
+        let target = self.target_within(used, scope, value, 0);
+        if target.is_none() {
+            used.torn.insert(scope);
+        }
+        target
     }
 
     fn target_within(
