@@ -225,7 +225,12 @@ fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Opt
     let lower = word.to_lowercase();
     let mut best: Option<(f64, &str)> = None;
     for candidate in candidates {
-        let score = strsim::jaro_winkler(&lower, &candidate.to_lowercase());
+        let other = candidate.to_lowercase();
+        let mut score = strsim::jaro_winkler(&lower, &other);
+        // Two letters swapped in a short name are far apart by that measure.
+        if lower.len() > 2 && strsim::damerau_levenshtein(&lower, &other) == 1 {
+            score = score.max(0.9);
+        }
         if score > 0.75 && best.is_none_or(|(most, _)| score > most) {
             best = Some((score, candidate));
         }

@@ -105,7 +105,7 @@ impl Globs {
         self.folders.insert(fixed_folder(dir, pattern));
         let options = MatchOptions { require_literal_leading_dot: true, ..MatchOptions::new() };
         let paths = glob::glob_with(&full, options)
-            .map_err(|e| format!("this is not a pattern of files: {e}"))?;
+            .map_err(|e| format!("this is not a pattern of files: {}", e.msg))?;
         let mut files = Vec::new();
         for path in paths {
             let path =

@@ -23,18 +23,21 @@ pub struct Bound {
 #[derive(Clone)]
 pub struct Text {
     pub name: String,
-    pub text: Rc<str>,
+    pub ron: Rc<str>,
     pub span: Span,
     /// Whether `text` is what is written at `span`.
     pub exact: bool,
     pub dir: Rc<Path>,
 }
 
+/// Params as written: kind, then names, texts and folders.
+type Written = (&'static str, Vec<(String, Rc<str>, Rc<Path>)>);
+
 /// All params bound so far; equal ones have equal numbers.
 #[derive(Default)]
 pub struct Binder {
     pub bounds: Vec<Bound>,
-    by_text: HashMap<(&'static str, Vec<(String, Rc<str>, Rc<Path>)>), Option<usize>>,
+    by_text: HashMap<Written, usize>,
     by_value: HashMap<(&'static str, String), usize>,
     exists: HashMap<PathBuf, bool>,
 }
@@ -49,7 +52,7 @@ pub fn texts(
     let text = |(name, arg): &(String, Arg)| match arg {
         Arg::Text(value) => Some(Text {
             name: name.clone(),
-            text: report.sources.text(value.span).into(),
+            ron: report.sources.text(value.span).into(),
             span: value.span,
             exact: true,
             dir: value.dir.clone(),
@@ -57,7 +60,7 @@ pub fn texts(
         Arg::Each(axis, _) => match &axes[*axis].along {
             Along::Items(items) => {
                 let Item { text, span, dir, exact, .. } = items.get(item)?.clone();
-                Some(Text { name: name.clone(), text, span, exact, dir })
+                Some(Text { name: name.clone(), ron: text, span, exact, dir })
             }
             Along::Pairs { .. } => None,
         },
@@ -70,16 +73,15 @@ impl Binder {
     /// The number of the bound params, or `None` if they are wrong, which is reported.
     pub fn bind(&mut self, report: &mut Diagnostics, flat: &Flat, texts: &[Text]) -> Option<usize> {
         let kind = flat.kind.node.kind();
-        let part = |t: &Text| (t.name.clone(), t.text.clone(), t.dir.clone());
+        let part = |t: &Text| (t.name.clone(), t.ron.clone(), t.dir.clone());
         let key = (kind, texts.iter().map(part).collect());
-        match self.by_text.get(&key) {
-            Some(Some(known)) => return Some(*known),
-            // The same text may be wrong in several places.
-            Some(None) | None => {}
+        if let Some(known) = self.by_text.get(&key) {
+            return Some(*known);
         }
-        let found = self.bind_new(report, flat, texts);
+        // Wrong ones are not kept: the same text may be wrong in several places.
+        let found = self.bind_new(report, flat, texts)?;
         self.by_text.insert(key, found);
-        found
+        Some(found)
     }
 
     fn bind_new(&mut self, report: &mut Diagnostics, flat: &Flat, texts: &[Text]) -> Option<usize> {
@@ -100,7 +102,7 @@ impl Binder {
                 first_sentence(&info.doc)
             ));
         }
-        let fields: Vec<(&str, &str)> = texts.iter().map(|t| (t.name.as_str(), &*t.text)).collect();
+        let fields: Vec<(&str, &str)> = texts.iter().map(|t| (t.name.as_str(), &*t.ron)).collect();
         let node = match kind.node.bind(&fields) {
             Ok(node) => node,
             Err(errors) => {
@@ -110,7 +112,7 @@ impl Binder {
                         explain(report, flat, given(&error.param), &error);
                     }
                 }
-                let path = |name: &str| given(name).and_then(|t| string(&t.text));
+                let path = |name: &str| given(name).and_then(|t| string(&t.ron));
                 self.files(report, flat, path, texts);
                 return None;
             }
@@ -197,7 +199,7 @@ fn explain(report: &mut Diagnostics, flat: &Flat, text: Option<&Text>, error: &P
     };
     let info = kind.infos.iter().find(|info| info.name == error.param);
     let hint = info.map(|info| {
-        let written = text.map_or("", |t| t.text.trim());
+        let written = text.map_or("", |t| t.ron.trim());
         let word = written.split(['(', '"']).find(|w| !w.is_empty()).unwrap_or_default();
         let choices = info.form.split(" | ").map(|c| c.trim_end_matches("(..)"));
         let is_choice = info.form.contains(" | ");

@@ -7,7 +7,7 @@ use petgraph::graph::{DiGraph, NodeIndex};
 use salient_sdk::Arity;
 
 use super::axes::{Along, stems};
-use super::flatten::{Arg, Walk};
+use super::flatten::{Arg, Flat, Walk};
 use super::syntax::Value;
 use super::wires::{Target, Used};
 use crate::diagnostics::{Span, suggest};
@@ -88,23 +88,29 @@ impl Walk<'_, '_> {
                         "the input `{}` takes a {}, but this is a {made}",
                         name.text, artefact.text
                     );
-                    self.wrong_type(value.span, message, &artefact.text, parent);
+                    self.wrong_type(value.span, message, &artefact.text, (parent, None));
                     used.broken.insert((scope, i));
                 }
             }
         }
     }
 
-    fn wrong_type(&mut self, span: Span, message: String, wanted: &str, scope: usize) {
-        let fits =
-            |f: &&super::flatten::Flat| f.scope == scope && f.kind.node.output().name == wanted;
-        let names: Vec<String> = self
-            .flats
-            .iter()
-            .filter(fits)
-            .take(6)
-            .map(|f| format!("`{}`", f.address.rsplit('/').next().unwrap_or_default()))
-            .collect();
+    /// `place` is the scope whose nodes are suggested, and the node that is not.
+    fn wrong_type(
+        &mut self,
+        span: Span,
+        message: String,
+        wanted: &str,
+        place: (usize, Option<usize>),
+    ) {
+        let fits = |(i, f): &(usize, &Flat)| {
+            f.scope == place.0 && place.1 != Some(*i) && f.kind.node.output().name == wanted
+        };
+        let name = |(_, f): (usize, &Flat)| {
+            format!("`{}`", f.address.rsplit('/').next().unwrap_or_default())
+        };
+        let names: Vec<String> =
+            self.flats.iter().enumerate().filter(fits).take(6).map(name).collect();
         let hint = if names.is_empty() {
             let makers = self.kinds.makers(wanted);
             format!("a {wanted} is made by {}", makers.join(", "))
@@ -146,7 +152,7 @@ impl Walk<'_, '_> {
                         kind.node.kind(),
                         port.artefact
                     );
-                    self.wrong_type(value.span, message, port.artefact, scope);
+                    self.wrong_type(value.span, message, port.artefact, (scope, Some(flat)));
                     torn = true;
                     continue;
                 }

@@ -91,7 +91,11 @@ impl Files {
             if known.is_none()
                 && let Some(from) = from
             {
-                report.error(from, "bad-subgraph", format!("{} has errors", path.display()));
+                report.error(
+                    from,
+                    "bad-subgraph",
+                    format!("{} cannot be used: it has an error", path.display()),
+                );
             }
             return known.clone();
         }

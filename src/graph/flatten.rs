@@ -14,6 +14,8 @@ use crate::diagnostics::{Diagnostics, Span, did_you_mean, suggest};
 
 /// Nodes that a graph may have before axes are expanded.
 const MOST_NODES: usize = 100_000;
+/// Subgraph calls that may be inside one another.
+const DEEPEST: usize = 64;
 
 /// A kind of node with its documented params.
 pub struct Kind {
@@ -309,6 +311,14 @@ impl<'a, 'r> Walk<'a, 'r> {
 
     fn subgraph(&mut self, scope: usize, node: &Node) -> Entry {
         let address = self.scopes[scope].inside(&node.name.text);
+        if self.scopes.len() >= MOST_NODES || self.chain.len() >= DEEPEST {
+            let message = format!(
+                "more than {MOST_NODES} subgraph calls, or more than {DEEPEST} in one another"
+            );
+            self.report.error(node.name.span, "too-large", message);
+            self.holes = true;
+            return Entry::Broken;
+        }
         let Some(file) = self.subgraph_file(scope, node, &address) else {
             self.holes = true;
             return Entry::Broken;

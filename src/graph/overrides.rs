@@ -286,3 +286,17 @@ pub fn unmatched(report: &mut Diagnostics, change: &Override, fate: &Fate, addre
             .hint(hint);
     }
 }
+
+/// Whether an override speaks of a variant.
+pub fn applies(change: &Override, point: &Point) -> bool {
+    let named = |v: &String| matches(v, &point.name) || matches(v, &point.group);
+    change.variant.as_ref().is_none_or(named)
+}
+
+/// Reports an override that speaks of no variant that is planned.
+pub fn no_variant(report: &mut Diagnostics, change: &Override, groups: &[&str]) {
+    let name = change.variant.as_deref().unwrap_or_default();
+    let hint = suggest(name, "variants planned", groups);
+    let message = format!("no variant that is planned matches `{name}`");
+    report.error(change.node.span, "unknown-variant", message).hint(hint);
+}

@@ -192,8 +192,8 @@ fn wrong_lists() {
         ]
         .join("\n"),
         @r#"
-no-files @"*.off"@ no file matches `*.off` | looked in /tmp/.tmpp4XUBR
-bad-axis @"a***b"@ this is not a pattern of files: Pattern syntax error near position 19: wildcards are either regular `*` or recursive `**` | 
+no-files @"*.off"@ no file matches `*.off` | looked in .
+bad-axis @"a***b"@ this is not a pattern of files: wildcards are either regular `*` or recursive `**` | 
 bad-axis @[]@ an axis needs at least one item | 
 duplicate @"a"@ `a` is on the axis twice | 
 bad-name @"a,b"@ `a,b` cannot name an instance | rename it without commas and square brackets
@@ -233,4 +233,28 @@ fn large_plans_have_one_call_for_each_pair() {
     let plan = folder.plan();
     assert_eq!(plan.dag.node_count(), 1 + 400 + 400 * 399 / 2 + 1);
     assert_eq!(plan.dag.edge_count(), 400 + 3 * (400 * 399 / 2));
+}
+
+#[test]
+fn plans_beyond_all_measure_are_refused() {
+    let items: Vec<String> = (0..3000).map(|i| i.to_string()).collect();
+    let text = format!(
+        r#"(format: 1, over: {{"s": [{}], "p": pairs(of: "s", as: ("q", "t"))}}, nodes: {{
+        "m": add(left: "o", offset: each("s")), "o": source(path: "main.ron"),
+        "x": add(left: "m@q", right: "m@t") }}, show: ["x"])"#,
+        items.join(", ")
+    );
+    let code = |folder: &Folder| folder.errors()[0].split(' ').next().map(str::to_owned);
+    assert_eq!(code(&Folder::new(&[("main.ron", &text)])).as_deref(), Some("too-large"));
+
+    // Each file calls the next one twice.
+    let folder = Folder::new(&[("f40.ron", r#"(format: 1, nodes: {"l": say()}, output: "l")"#)]);
+    for i in 0..40 {
+        let (name, next) = (format!("f{i}.ron"), i + 1);
+        let text = format!(
+            r#"(format: 1, nodes: {{"l": graph(file: "f{next}.ron"), "r": graph(file: "f{next}.ron")}}, output: "l")"#
+        );
+        folder.write(if i == 0 { "main.ron" } else { &name }, &text);
+    }
+    assert_eq!(code(&folder).as_deref(), Some("too-large"));
 }

@@ -73,7 +73,7 @@ syntax @source@ a node is written as a call of its kind | for example `load(path
 duplicate @"a"@ there are two nodes `a` | remove or rename one of them
 bad-name @"b/c"@ `b/c` cannot be the name of a node | names are made of letters, digits, `_` and `-`
 unknown-node @"aa"@ there is no node `aa` | did you mean `a`?
-wrong-type @"w"@ `left` of `add` takes a number, but this is a words | nodes here that make a number: `a`, `b`
+wrong-type @"w"@ `left` of `add` takes a number, but this is a words | nodes here that make a number: `a`
 missing-input @add@ the input `left` of `add` is not wired | add `left: ".."`, the name of a node that makes a number
 bad-wire @3@ a port is wired to a node | write the name of a node: `"mesh"`, `"mesh@query"` or `all("mesh")`
 bad-wire @["a"]@ `left` takes one wire, not a list | write the name of one node

@@ -108,7 +108,7 @@ fn wrong_sets_point_into_their_own_text() {
         .join("\n"),
         @r#"
 bad-param @-1@ `offset` is -1; it must be at least 0 | `offset` is number: What to add.
-override-unmatched @edn@ no node matches `edn` | the nodes are `a`, `end`, `sub`, `sub/in`
+override-unmatched @edn@ no node matches `edn` | did you mean `end`?
 unknown-param @ofset@ no node that matches `end` has a param `ofset`: `add` does not | did you mean `offset`?
 override-wire @left@ `left` of `end` is a wire, which cannot be overridden | only params can be set; change the wire in the graph file
 override-wire @left@ `left` of `*` is a wire, which cannot be overridden | only params can be set; change the wire in the graph file
@@ -116,7 +116,7 @@ override-unmatched @bye@ the graph has no param `bye` | did you mean `by`?
 override-unmatched @end@ the graph has no param `end` | `end` is a node; set a param of it with --set end.PARAM=VALUE
 syntax @.@ nothing may follow the value | the value is RON: text needs quotation marks, as in --set 'a.path="cat.off"'
 bad-set @nothing@ this is not of the form NODE.PARAM=VALUE or PARAM=VALUE | for example --set 'fa/patches.radius=2.0'
-override-unmatched @nowhere:end@ no node matches `end` | did you mean `end`?
+unknown-variant @nowhere:end@ no variant that is planned matches `nowhere` | there are no variants planned here
 "#
     );
 }

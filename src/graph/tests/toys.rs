@@ -170,7 +170,9 @@ impl Folder {
         let one = |d: &crate::diagnostics::Diagnostic| {
             let hint = d.hint.clone().unwrap_or_default();
             let text = report.text(d);
-            format!("{} @{text}@ {} | {hint}", d.code, d.message).replace(&folder, "")
+            format!("{} @{text}@ {} | {hint}", d.code, d.message)
+                .replace(&folder, "")
+                .replace(&*self.path().to_string_lossy(), ".")
         };
         report.iter().map(one).collect()
     }
@@ -201,7 +203,7 @@ pub fn listing(plan: &Plan) -> String {
     let mut lines = Vec::new();
     for call in plan.dag.node_indices() {
         let mut edges: Vec<_> = plan.dag.edges_directed(call, Direction::Incoming).collect();
-        edges.sort_by_key(|e| e.id());
+        edges.sort_by_key(EdgeRef::id);
         let wire = |e: &petgraph::graph::EdgeReference<'_, crate::graph::Wire>| {
             let label = &e.weight().label;
             let label = if label.is_empty() { String::new() } else { format!("[{label}]") };
