@@ -77,12 +77,7 @@ pub struct Diagnostics {
 
 impl Diagnostics {
     /// Adds an error; add a hint to what is returned.
-    pub(crate) fn error(
-        &mut self,
-        span: Span,
-        code: &'static str,
-        message: impl Into<String>,
-    ) -> &mut Diagnostic {
+    pub(crate) fn error(&mut self, span: Span, code: &'static str, message: impl Into<String>) -> &mut Diagnostic {
         self.list.push(Diagnostic { code, message: message.into(), hint: None, span });
         let last = self.list.len() - 1;
         &mut self.list[last]
@@ -151,16 +146,13 @@ impl Diagnostics {
     /// For a person at a terminal: each with its piece of text, `color` says whether with escapes.
     #[must_use]
     pub fn render(&self, color: bool) -> String {
-        let theme =
-            if color { GraphicalTheme::unicode() } else { GraphicalTheme::unicode_nocolor() };
+        let theme = if color { GraphicalTheme::unicode() } else { GraphicalTheme::unicode_nocolor() };
         let handler = GraphicalReportHandler::new_themed(theme).with_links(false).with_width(100);
         let mut out = String::new();
         for diagnostic in &self.list {
             let text = self.sources.0.get(diagnostic.span.source).map(|s| s.text.clone());
-            let report = Shown {
-                diagnostic,
-                source: NamedSource::new(self.file(diagnostic), text.unwrap_or_default()),
-            };
+            let report =
+                Shown { diagnostic, source: NamedSource::new(self.file(diagnostic), text.unwrap_or_default()) };
             if handler.render_report(&mut out, &report).is_err() {
                 out.push_str(&diagnostic.message);
             }
@@ -213,10 +205,7 @@ impl miette::Diagnostic for Shown<'_> {
 }
 
 /// "did you mean" the candidate most like `word`, if one is like it.
-pub(crate) fn did_you_mean<'a>(
-    word: &str,
-    candidates: impl IntoIterator<Item = &'a str>,
-) -> Option<String> {
+pub(crate) fn did_you_mean<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<String> {
     nearest(word, candidates).map(|best| format!("did you mean `{best}`?"))
 }
 
@@ -225,7 +214,12 @@ fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Opt
     let lower = word.to_lowercase();
     let mut best: Option<(f64, &str)> = None;
     for candidate in candidates {
-        let score = strsim::jaro_winkler(&lower, &candidate.to_lowercase());
+        let other = candidate.to_lowercase();
+        let mut score = strsim::jaro_winkler(&lower, &other);
+        // Two letters swapped in a short name are far apart by that measure.
+        if lower.len() > 2 && strsim::damerau_levenshtein(&lower, &other) == 1 {
+            score = score.max(0.9);
+        }
         if score > 0.75 && best.is_none_or(|(most, _)| score > most) {
             best = Some((score, candidate));
         }
@@ -238,17 +232,11 @@ pub(crate) fn suggest<'a>(word: &str, what: &str, candidates: &[&'a str]) -> Str
     if let Some(hint) = did_you_mean(word, candidates.iter().copied()) {
         return hint;
     }
-    let quoted = |names: &[&'a str]| {
-        names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
-    };
+    let quoted = |names: &[&'a str]| names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
     match candidates {
         [] => format!("there are no {what} here"),
         [..] if candidates.len() > 12 => {
-            format!(
-                "the {what} are {} and {} more",
-                quoted(&candidates[..12]),
-                candidates.len() - 12
-            )
+            format!("the {what} are {} and {} more", quoted(&candidates[..12]), candidates.len() - 12)
         }
         _ => format!("the {what} are {}", quoted(candidates)),
     }

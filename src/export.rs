@@ -72,8 +72,7 @@ pub fn export(artefact: &dyn AnyArtefact, format: Format) -> Result<Vec<u8>, For
     let surface = || artefact.surface().ok_or_else(|| lacking("surface"));
     match format {
         Format::Json => {
-            let mut bytes = serde_json::to_vec_pretty(&artefact.json())
-                .map_err(|e| FormatError(e.to_string()))?;
+            let mut bytes = serde_json::to_vec_pretty(&artefact.json()).map_err(|e| FormatError(e.to_string()))?;
             bytes.push(b'\n');
             Ok(bytes)
         }
@@ -88,11 +87,7 @@ pub fn export(artefact: &dyn AnyArtefact, format: Format) -> Result<Vec<u8>, For
 
 fn csv(table: &Table) -> Vec<u8> {
     let quote = |cell: &String| {
-        if cell.contains(['"', ',', '\n', '\r']) {
-            format!("\"{}\"", cell.replace('"', "\"\""))
-        } else {
-            cell.clone()
-        }
+        if cell.contains(['"', ',', '\n', '\r']) { format!("\"{}\"", cell.replace('"', "\"\"")) } else { cell.clone() }
     };
     let line = |cells: &Vec<String>| cells.iter().map(quote).collect::<Vec<_>>().join(",") + "\n";
     let rows: String = table.rows.iter().map(line).collect();
@@ -180,14 +175,12 @@ struct Zip {
 
 impl Zip {
     fn add(&mut self, name: &str, content: &[u8]) -> Result<(), FormatError> {
-        let too_large =
-            |_| FormatError("an npz holds at most 4 GB; write safetensors instead".into());
+        let too_large = |_| FormatError("an npz holds at most 4 GB; write safetensors instead".into());
         let size = u32::try_from(content.len()).map_err(too_large)?;
         let offset = u32::try_from(self.bytes.len()).map_err(too_large)?;
         u32::try_from(self.bytes.len() + content.len() + name.len() + 30).map_err(too_large)?;
         // Version, flags, method, time and date, as in both the local and the central header.
-        let mut common: Vec<u8> =
-            [20_u16, 0, 0, 0, 0x21].iter().flat_map(|x| x.to_le_bytes()).collect();
+        let mut common: Vec<u8> = [20_u16, 0, 0, 0, 0x21].iter().flat_map(|x| x.to_le_bytes()).collect();
         for number in [crc32fast::hash(content), size, size] {
             common.extend(number.to_le_bytes());
         }
@@ -299,10 +292,7 @@ mod tests {
     #[test]
     fn what_an_artefact_cannot_give_is_refused_with_what_it_can() {
         let error = export(&Bare, Format::Ply).unwrap_err().to_string();
-        assert!(
-            error.contains("no surface") && error.contains("json, npz, safetensors"),
-            "{error}"
-        );
+        assert!(error.contains("no surface") && error.contains("json, npz, safetensors"), "{error}");
         assert!(export(&Bare, Format::Csv).unwrap_err().to_string().contains("no table"));
         assert_eq!(Format::of_extension("OBJ"), Some(Format::Obj));
         assert_eq!(Format::of_extension("xyz"), None);

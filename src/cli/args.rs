@@ -10,10 +10,8 @@ use crate::export::Format;
 /// Declarative graphs for spectral shape analysis, recomputing only what an edit touches.
 #[derive(Parser)]
 #[command(name = "salient", version, max_term_width = 100)]
-#[command(
-    after_help = "Exit codes: 0 done; 1 a node failed or the cache cannot be used; 2 the call \
-    or the graph is wrong; 130 interrupted.\nResults go to standard output, all else to standard error."
-)]
+#[command(after_help = "Exit codes: 0 done; 1 a node failed or the cache cannot be used; 2 the call \
+    or the graph is wrong; 130 interrupted.\nResults go to standard output, all else to standard error.")]
 pub struct Cli {
     #[command(subcommand)]
     pub command: Command,

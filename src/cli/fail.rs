@@ -52,11 +52,7 @@ impl Fail {
     pub fn report(self) -> ExitCode {
         let code = match &self {
             Self::Usage { .. } | Self::Graph(_) | Self::WrongReported => 2,
-            Self::NodeReported
-            | Self::Cache(_)
-            | Self::Write { .. }
-            | Self::Lacking(_)
-            | Self::Output(_) => 1,
+            Self::NodeReported | Self::Cache(_) | Self::Write { .. } | Self::Lacking(_) | Self::Output(_) => 1,
             Self::Pipe => 0,
             Self::Interrupted => 130,
         };

@@ -21,10 +21,8 @@ fn unknown(kind: &str, registry: &Registry) -> Fail {
         .map(|node| (strsim::damerau_levenshtein(node.kind(), kind), node.kind()))
         .min()
         .filter(|(distance, _)| *distance <= 3);
-    let help = nearest.map_or_else(
-        || "`salient nodes` lists all of them".to_owned(),
-        |(_, name)| format!("did you mean `{name}`?"),
-    );
+    let help = nearest
+        .map_or_else(|| "`salient nodes` lists all of them".to_owned(), |(_, name)| format!("did you mean `{name}`?"));
     Fail::Usage { message: format!("no node is called `{kind}`"), help: Some(help) }
 }
 

@@ -1,20 +1,20 @@
 //! `salient check`, `salient plan` and `salient graph`.
 
-use std::io::IsTerminal;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::io::IsTerminal;
 
 use petgraph::graph::NodeIndex;
-use petgraph::visit::EdgeRef;
 use salient_sdk::Registry;
 use serde_json::{Value, json};
 
 use super::args::{CheckArgs, GraphArgs, GraphChoice, Picture, PlanArgs};
 use super::fail::Fail;
 use super::text::{ago, complain, count, print, print_json, seconds, table};
+use crate::diagnostics::Diagnostics;
 use crate::engine::forecast::{Forecast, Verdict};
 use crate::engine::why::{Cause, Explanation, why};
-use crate::diagnostics::Diagnostics;
+use crate::graph::picture::{to_dot, to_mermaid};
 use crate::graph::{Overrides, Plan};
 
 /// Plans a graph, or says all that is wrong with it.
@@ -26,8 +26,7 @@ pub fn load(choice: &GraphChoice, registry: &Registry) -> Result<Plan, Fail> {
 
 /// Diagnostics on standard error, with the places in the graph file.
 pub fn show(diagnostics: &Diagnostics) {
-    let stderr = std::io::stderr();
-    let color = stderr.is_terminal() && std::env::var_os("NO_COLOR").is_none();
+    let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
     complain(diagnostics.render(color).trim_end());
 }
 
@@ -95,11 +94,7 @@ pub fn plan(args: &PlanArgs, registry: &Registry) -> Result<(), Fail> {
     let forecast = Forecast::new(&plan, &wanted, &cache)?;
     if let Some(call) = asked {
         let explanation = why(&plan, &forecast, call, &cache)?;
-        return if args.json {
-            print_json(&explanation)
-        } else {
-            print(explain(&explanation).as_bytes())
-        };
+        return if args.json { print_json(&explanation) } else { print(explain(&explanation).as_bytes()) };
     }
     if args.json {
         print_json(&forecast_json(&plan, &forecast))
@@ -134,10 +129,9 @@ fn forecast_text(plan: &Plan, forecast: &Forecast) -> String {
         let (word, note) = match &prospect.verdict {
             Verdict::Hit => ("hit", String::new()),
             Verdict::Miss => ("miss", String::new()),
-            Verdict::Evicted { needed_by } => (
-                "evicted",
-                format!("known, but its bytes were collected and {needed_by} needs them"),
-            ),
+            Verdict::Evicted { needed_by } => {
+                ("evicted", format!("known, but its bytes were collected and {needed_by} needs them"))
+            }
             Verdict::DependsOnMiss { of } => ("depends on a miss", some(of)),
             Verdict::Unreadable { message } => ("unreadable", message.clone()),
         };
@@ -148,8 +142,7 @@ fn forecast_text(plan: &Plan, forecast: &Forecast) -> String {
         let kind = plan.dag[*call].node.kind().to_owned();
         rows.push(vec![word.to_owned(), plan.name(*call).to_owned(), kind, time, note]);
     }
-    let counts: Vec<_> =
-        counts.into_iter().map(|(word, count)| format!("{count} {word}")).collect();
+    let counts: Vec<_> = counts.into_iter().map(|(word, count)| format!("{count} {word}")).collect();
     let mut text = table(&rows, 0, &[3]);
     let _ = write!(text, "\n{}: {}", count(rows.len(), "node"), counts.join(", "));
     if expected > 0.0 {
@@ -174,9 +167,7 @@ fn explain(explanation: &Explanation) -> String {
     };
     let since = match since {
         Some(when) => format!(" (compared with the run {})", ago(*when)),
-        None => {
-            " (this graph has not computed it; compared with the nearest node of its kind)".into()
-        }
+        None => " (this graph has not computed it; compared with the nearest node of its kind)".into(),
     };
     let since = if causes == &[Cause::NeverComputed] { String::new() } else { since };
     let mut text = format!("{node} {what}{since}:\n");
@@ -194,9 +185,7 @@ fn lines(causes: &[Cause], depth: usize, text: &mut String) {
 }
 
 fn line(cause: &Cause) -> String {
-    let value = |value: &Option<Value>| {
-        value.as_ref().map_or_else(|| "nothing".to_owned(), Value::to_string)
-    };
+    let value = |value: &Option<Value>| value.as_ref().map_or_else(|| "nothing".to_owned(), Value::to_string);
     match cause {
         Cause::NeverComputed => "it was never computed in this cache".into(),
         Cause::FailedBefore { message } => format!("it failed last time: {message}"),
@@ -230,9 +219,7 @@ fn line(cause: &Cause) -> String {
         Cause::Evicted { needed_by } => {
             format!("its output was removed from the cache, and {needed_by} needs it")
         }
-        Cause::RecordGone => {
-            "nothing changed, but what the cache knew of it was removed or damaged".into()
-        }
+        Cause::RecordGone => "nothing changed, but what the cache knew of it was removed or damaged".into(),
         Cause::Unreadable { message } => message.clone(),
     }
 }
@@ -244,37 +231,9 @@ fn list(names: &[String]) -> String {
 /// `salient graph`.
 pub fn graph(args: &GraphArgs, registry: &Registry) -> Result<(), Fail> {
     let plan = load(&args.graph, registry)?;
-    let shown = |call: NodeIndex| plan.show.iter().any(|shown| shown.call == call);
-    let mut text = match args.format {
-        Picture::Dot => "digraph {\n  rankdir=LR;\n  node [shape=box];\n".to_owned(),
-        Picture::Mermaid => "flowchart LR\n".to_owned(),
+    let text = match args.format {
+        Picture::Dot => to_dot(&plan),
+        Picture::Mermaid => to_mermaid(&plan),
     };
-    for call in plan.dag.node_indices() {
-        let (id, name, kind) = (call.index(), plan.name(call), plan.dag[call].node.kind());
-        let line = match args.format {
-            Picture::Dot => {
-                let bold = if shown(call) { ", style=bold" } else { "" };
-                let name = name.replace('\\', "\\\\").replace('"', "\\\"");
-                format!("  n{id} [label=\"{name}\\n{kind}\"{bold}];\n")
-            }
-            Picture::Mermaid => {
-                let (open, close) = if shown(call) { ("[[", "]]") } else { ("[", "]") };
-                let name = name.replace('"', "#quot;");
-                format!("  n{id}{open}\"{name}<br>{kind}\"{close}\n")
-            }
-        };
-        text.push_str(&line);
-    }
-    for edge in plan.dag.edge_references() {
-        let (from, to, port) = (edge.source().index(), edge.target().index(), edge.weight().port);
-        let line = match args.format {
-            Picture::Dot => format!("  n{from} -> n{to} [label=\"{port}\"];\n"),
-            Picture::Mermaid => format!("  n{from} -->|{port}| n{to}\n"),
-        };
-        text.push_str(&line);
-    }
-    if matches!(args.format, Picture::Dot) {
-        text.push_str("}\n");
-    }
     print(text.as_bytes())
 }

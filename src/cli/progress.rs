@@ -29,8 +29,7 @@ impl Progress {
             return Self::Lines;
         }
         let all = MultiProgress::new();
-        let whole =
-            all.add(ProgressBar::new(0).with_style(style("{bar:24} {pos}/{len} {wide_msg}")));
+        let whole = all.add(ProgressBar::new(0).with_style(style("{bar:24} {pos}/{len} {wide_msg}")));
         Self::Bars { all, whole, nodes: BTreeMap::new() }
     }
 
@@ -73,22 +72,14 @@ pub fn json_line(value: &impl serde::Serialize) -> io::Result<()> {
 }
 
 fn style(template: &str) -> ProgressStyle {
-    ProgressStyle::with_template(template)
-        .unwrap_or_else(|_| ProgressStyle::default_bar())
-        .progress_chars("=> ")
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> ")
 }
 
-fn bars(
-    all: &MultiProgress,
-    whole: &ProgressBar,
-    nodes: &mut BTreeMap<String, ProgressBar>,
-    event: &Event,
-) {
+fn bars(all: &MultiProgress, whole: &ProgressBar, nodes: &mut BTreeMap<String, ProgressBar>, event: &Event) {
     match event {
         Event::RunStarted { calls, .. } => whole.set_length(*calls as u64),
         Event::Started { node, kind } => {
-            let bar = ProgressBar::new(100)
-                .with_style(style("{spinner} {bar:22} {elapsed:>4} {wide_msg}"));
+            let bar = ProgressBar::new(100).with_style(style("{spinner} {bar:22} {elapsed:>4} {wide_msg}"));
             let bar = all.add(bar).with_message(format!("{node} ({kind})"));
             bar.enable_steady_tick(Duration::from_millis(120));
             nodes.insert(node.clone(), bar);
@@ -126,9 +117,7 @@ fn line(event: &Event) -> Option<String> {
             let help = help.as_ref().map(|help| format!("\n  help: {help}")).unwrap_or_default();
             Some(format!("failed {node} ({kind}): {message}{help}"))
         }
-        Event::Skipped { node, kind, because } => {
-            Some(format!("skipped {node} ({kind}) because of {because}"))
-        }
+        Event::Skipped { node, kind, because } => Some(format!("skipped {node} ({kind}) because of {because}")),
         Event::CacheCorrupt { node, path } => {
             Some(format!("damaged file in the cache, computing {node} again: {path}"))
         }
@@ -144,8 +133,7 @@ fn line(event: &Event) -> Option<String> {
 pub fn totals(totals: &Totals, time: f64) -> String {
     let Totals { hits, computed, failed, skipped, cancelled } = *totals;
     let all = hits + computed + failed + skipped + cancelled;
-    let mut text =
-        format!("{}: {hits} from the cache, {computed} computed", super::text::count(all, "node"));
+    let mut text = format!("{}: {hits} from the cache, {computed} computed", super::text::count(all, "node"));
     for (count, what) in [(failed, "failed"), (skipped, "skipped"), (cancelled, "not done")] {
         if count > 0 {
             let _ = write!(text, ", {count} {what}");

@@ -51,12 +51,7 @@ pub fn result<'a>(
 }
 
 /// Its defects and those of all it rests on, each once, where it was found first.
-fn defects(
-    plan: &Plan,
-    outcome: &Outcome,
-    call: NodeIndex,
-    artefact: &dyn AnyArtefact,
-) -> Vec<(String, Defect)> {
+fn defects(plan: &Plan, outcome: &Outcome, call: NodeIndex, artefact: &dyn AnyArtefact) -> Vec<(String, Defect)> {
     let (mut found, mut left) = (BTreeMap::from([(call, artefact.defects())]), vec![call]);
     while let Some(call) = left.pop() {
         for producer in plan.dag.neighbors_directed(call, petgraph::Direction::Incoming) {
@@ -85,12 +80,8 @@ fn defects(
 impl Found<'_> {
     /// Its title, summary and defects.
     pub fn text(&self) -> String {
-        let rows: Vec<_> = self
-            .artefact
-            .summary()
-            .into_iter()
-            .map(|(label, value)| vec![label.to_owned(), value])
-            .collect();
+        let rows: Vec<_> =
+            self.artefact.summary().into_iter().map(|(label, value)| vec![label.to_owned(), value]).collect();
         let mut text = format!("{} ({})\n{}", self.shown.address, self.kind, table(&rows, 2, &[]));
         for (address, defect) in &self.defects {
             let _ = writeln!(text, "  ! {address}: {defect}");
@@ -100,12 +91,8 @@ impl Found<'_> {
 
     /// What `run --json` says of it.
     pub fn json(&self) -> Value {
-        let summary: serde_json::Map<String, Value> = self
-            .artefact
-            .summary()
-            .into_iter()
-            .map(|(label, value)| (label.to_owned(), value.into()))
-            .collect();
+        let summary: serde_json::Map<String, Value> =
+            self.artefact.summary().into_iter().map(|(label, value)| (label.to_owned(), value.into())).collect();
         let defects: Vec<_> = self
             .defects
             .iter()
@@ -179,8 +166,7 @@ pub fn stages(plan: &Plan, outcome: &Outcome) -> String {
     }
     let mut stages: Vec<_> = stages.into_iter().collect();
     stages.sort_by(|(_, a), (_, b)| b.seconds.total_cmp(&a.seconds));
-    let mut rows =
-        vec![["stage", "calls", "computed", "cached", "seconds"].map(str::to_owned).to_vec()];
+    let mut rows = vec![["stage", "calls", "computed", "cached", "seconds"].map(str::to_owned).to_vec()];
     rows.extend(stages.into_iter().map(|(kind, stage)| {
         let counts = [stage.calls, stage.executed, stage.hits].map(|count| count.to_string());
         let mut row = vec![kind.to_owned()];

@@ -23,14 +23,14 @@ impl CacheChoice {
     }
 
     fn path(&self) -> Result<PathBuf, Fail> {
-        let var =
-            |name| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+        let var = |name| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
         let chosen = self.dir.clone().or_else(|| var("SALIENT_CACHE"));
         let default = || Some(var("XDG_CACHE_HOME")?.join("salient"));
         let home = || Some(var("HOME")?.join(".cache/salient"));
-        chosen.or_else(default).or_else(home).ok_or_else(|| {
-            Fail::usage("there is no home directory for the cache; name one with --cache")
-        })
+        chosen
+            .or_else(default)
+            .or_else(home)
+            .ok_or_else(|| Fail::usage("there is no home directory for the cache; name one with --cache"))
     }
 }
 
@@ -52,22 +52,14 @@ fn listen(cancel: &Cancel) -> Result<(), Fail> {
         cancel.cancel();
         complain("stopping; once more to stop at once");
     };
-    ctrlc::set_handler(handler)
-        .map_err(|e| Fail::Lacking(format!("cannot listen for interrupts: {e}")))
+    ctrlc::set_handler(handler).map_err(|e| Fail::Lacking(format!("cannot listen for interrupts: {e}")))
 }
 
-fn compute(
-    plan: &Plan,
-    wanted: &[NodeIndex],
-    cache: &Cache,
-    effort: &Effort,
-    json: bool,
-) -> Result<Outcome, Fail> {
+fn compute(plan: &Plan, wanted: &[NodeIndex], cache: &Cache, effort: &Effort, json: bool) -> Result<Outcome, Fail> {
     let cancel = Cancel::new();
     listen(&cancel)?;
     let mut progress = Progress::new(json, &cancel);
-    let outcome =
-        run_plan(plan, wanted, cache, effort.options(), &cancel, &mut |e| progress.event(e));
+    let outcome = run_plan(plan, wanted, cache, effort.options(), &cancel, &mut |e| progress.event(e));
     progress.finish()?;
     Ok(outcome?)
 }
@@ -117,13 +109,12 @@ pub fn get(args: &GetArgs, registry: &Registry) -> Result<(), Fail> {
     let call = find(&plan, &args.node)?;
     let cache = args.cache.open()?;
     let outcome = compute(&plan, &[call], &cache, &args.effort, false)?;
-    if let Some(State::Failed(_) | State::Skipped(_) | State::Cancelled) = outcome.states.get(&call)
-    {
+    if let Some(State::Failed(_) | State::Skipped(_) | State::Cancelled) = outcome.states.get(&call) {
         return verdict(&outcome);
     }
-    let artefact = outcome.artefact(&plan, call, &cache)?.ok_or_else(|| {
-        Fail::Lacking(format!("the output of {} vanished from the cache; run again", args.node))
-    })?;
+    let artefact = outcome
+        .artefact(&plan, call, &cache)?
+        .ok_or_else(|| Fail::Lacking(format!("the output of {} vanished from the cache; run again", args.node)))?;
     if let Some(path) = file {
         return write(path, artefact.as_ref(), format);
     }
@@ -134,9 +125,6 @@ fn format_of(file: Option<&Path>) -> Result<Format, Fail> {
     let Some(file) = file else { return Ok(Format::Json) };
     let extension = file.extension().unwrap_or_default().to_string_lossy();
     Format::of_extension(&extension).ok_or_else(|| {
-        Fail::usage(format!(
-            "no format is called `{extension}`; name one with --format for {}",
-            file.display()
-        ))
+        Fail::usage(format!("no format is called `{extension}`; name one with --format for {}", file.display()))
     })
 }

@@ -26,9 +26,7 @@ pub fn complain(line: &str) {
 /// Rows in columns, each as wide as its widest cell; columns named in `right` are set to the right.
 pub fn table(rows: &[Vec<String>], indent: usize, right: &[usize]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let width = |column: usize| {
-        rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max()
-    };
+    let width = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max();
     let widths: Vec<_> = (0..columns).map(|column| width(column).unwrap_or(0)).collect();
     let mut out = String::new();
     for row in rows {
@@ -72,10 +70,9 @@ pub fn bytes(bytes: u64) -> String {
 
 /// How long ago a moment was, given in milliseconds since 1970.
 pub fn ago(when: u64) -> String {
-    let now = std::time::SystemTime::now()
-        .duration_since(std::time::SystemTime::UNIX_EPOCH)
-        .unwrap_or_default()
-        .as_millis() as u64;
+    let now =
+        std::time::SystemTime::now().duration_since(std::time::SystemTime::UNIX_EPOCH).unwrap_or_default().as_millis()
+            as u64;
     let seconds = now.saturating_sub(when) / 1000;
     match seconds {
         0..60 => format!("{seconds} s ago"),

@@ -21,6 +21,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 use super::key::Digest;
 use super::record::{Record, seal, unseal};
@@ -89,11 +90,7 @@ impl Cache {
         match fs::read_to_string(&version) {
             Ok(found) if found == VERSION => Ok(cache),
             Ok(found) => Err(CacheError {
-                message: format!(
-                    "{} is of another version of salient: `{}`",
-                    root.display(),
-                    found.trim()
-                ),
+                message: format!("{} is of another version of salient: `{}`", root.display(), found.trim()),
                 help: "name another directory with --cache, or remove this one".into(),
             }),
             Err(e) if e.kind() == io::ErrorKind::NotFound => {
@@ -133,7 +130,10 @@ impl Cache {
         let path = self.object_path(digest);
         match fs::read(&path) {
             Ok(bytes) if Digest::of(&bytes) == *digest => Ok(Entry::Found(bytes)),
-            Ok(_) => remove_corrupt(path),
+            Ok(_) => {
+                let whole = |bytes: &[u8]| Digest::of(bytes) == *digest;
+                Ok(self.discard(&path, whole)?.map_or(Entry::Corrupt(path), Entry::Found))
+            }
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Entry::Missing),
             Err(e) => Err(CacheError::new("read", &path, &e)),
         }
@@ -167,14 +167,10 @@ impl Cache {
     pub fn records(&self, key: &Digest) -> Result<(Vec<Record>, Vec<PathBuf>), CacheError> {
         let (mut found, mut corrupt) = (Vec::new(), Vec::new());
         for path in list(&self.record_dir(key))? {
-            match sealed::<Record>(&path)? {
-                Entry::Found(record) if record.ingredients.key() == *key => {
+            match self.sealed(&path, |record: &Record| record.ingredients.key() == *key)? {
+                Entry::Found(record) => {
                     touch(&path);
                     found.push(record);
-                }
-                Entry::Found(_) => {
-                    remove(&path)?;
-                    corrupt.push(path);
                 }
                 Entry::Corrupt(path) => corrupt.push(path),
                 Entry::Missing => {}
@@ -183,25 +179,52 @@ impl Cache {
         Ok((found, corrupt))
     }
 
-    pub(super) fn write_sealed(
+    /// Reads a self-checked file whose content is to be `right`; a damaged one is removed.
+    pub(super) fn sealed<T: DeserializeOwned>(
         &self,
         path: &Path,
-        value: &impl Serialize,
-    ) -> Result<(), CacheError> {
+        right: impl Fn(&T) -> bool,
+    ) -> Result<Entry<T>, CacheError> {
+        let whole = |bytes: &[u8]| unseal::<T>(bytes).filter(&right);
+        let bytes = match fs::read(path) {
+            Ok(bytes) => bytes,
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Entry::Missing),
+            Err(e) => return Err(CacheError::new("read", path, &e)),
+        };
+        if let Some(value) = whole(&bytes) {
+            return Ok(Entry::Found(value));
+        }
+        let healed = self.discard(path, |bytes| whole(bytes).is_some())?;
+        let healed = healed.and_then(|bytes| whole(&bytes));
+        Ok(healed.map_or(Entry::Corrupt(path.to_owned()), Entry::Found))
+    }
+
+    /// Removes a damaged file. Somebody may have replaced it by a whole one since it was read: that
+    /// one is put back, and its content returned.
+    fn discard(&self, path: &Path, whole: impl Fn(&[u8]) -> bool) -> Result<Option<Vec<u8>>, CacheError> {
+        let failed = |e: io::Error| CacheError::new("remove", path, &e);
+        let aside = tempfile::Builder::new().tempfile_in(self.root.join("tmp")).map_err(failed)?;
+        match fs::rename(path, aside.path()) {
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
+            renamed => renamed.map_err(failed)?,
+        }
+        let bytes = fs::read(aside.path()).map_err(failed)?;
+        if !whole(&bytes) {
+            return Ok(None);
+        }
+        aside.persist(path).map_err(|e| failed(e.error))?;
+        Ok(Some(bytes))
+    }
+
+    pub(super) fn write_sealed(&self, path: &Path, value: &impl Serialize) -> Result<(), CacheError> {
         let text = seal(value).map_err(|e| CacheError::new("write", path, &e.into()))?;
         self.write(path, text.as_bytes())
     }
 
     /// Writes a whole file or nothing.
     pub(super) fn write(&self, path: &Path, bytes: &[u8]) -> Result<(), CacheError> {
-        write_atomic(path, &self.root.join("tmp"), bytes)
-            .map_err(|e| CacheError::new("write", path, &e))
+        write_atomic(path, &self.root.join("tmp"), bytes).map_err(|e| CacheError::new("write", path, &e))
     }
-}
-
-fn remove_corrupt<T>(path: PathBuf) -> Result<Entry<T>, CacheError> {
-    remove(&path)?;
-    Ok(Entry::Corrupt(path))
 }
 
 /// Writes a file by way of a temporary in `tmp`, which must be on the same file system, so that
@@ -232,29 +255,14 @@ pub fn write_atomic(path: &Path, tmp: &Path, bytes: &[u8]) -> io::Result<()> {
 /// The system's error without the path that `tempfile` adds; ours names the file that is wanted.
 fn unwrap_path(error: &io::Error) -> io::Error {
     let kind = error.kind();
-    error
-        .raw_os_error()
-        .map_or(io::Error::new(kind, kind.to_string()), io::Error::from_raw_os_error)
-}
-
-/// Reads a self-checked file; a damaged one is removed.
-pub(super) fn sealed<T: serde::de::DeserializeOwned>(path: &Path) -> Result<Entry<T>, CacheError> {
-    match fs::read(path) {
-        Ok(bytes) => match unseal(&bytes) {
-            Some(value) => Ok(Entry::Found(value)),
-            None => remove_corrupt(path.to_owned()),
-        },
-        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Entry::Missing),
-        Err(e) => Err(CacheError::new("read", path, &e)),
-    }
+    error.raw_os_error().map_or(io::Error::new(kind, kind.to_string()), io::Error::from_raw_os_error)
 }
 
 /// Marks a file as used now; false if it is not there.
 pub(super) fn touch(path: &Path) -> bool {
     let Ok(meta) = fs::metadata(path) else { return false };
     let now = SystemTime::now();
-    let fresh =
-        meta.modified().is_ok_and(|at| now.duration_since(at).unwrap_or_default() < TOUCH_AFTER);
+    let fresh = meta.modified().is_ok_and(|at| now.duration_since(at).unwrap_or_default() < TOUCH_AFTER);
     if !fresh {
         // Another user's file cannot be touched; then it only looks older than it is.
         let _ = fs::File::open(path).and_then(|file| file.set_modified(now));
@@ -283,5 +291,34 @@ pub(super) fn remove(path: &Path) -> Result<(), CacheError> {
     match fs::remove_file(path) {
         Err(e) if e.kind() != io::ErrorKind::NotFound => Err(CacheError::new("remove", path, &e)),
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_is_told_apart() {
+        // Every write to this device fails as on a full disk.
+        let device = Path::new("/dev/full");
+        if let Err(error) = fs::write(device, "x").map_err(|e| CacheError::new("write", device, &e)) {
+            assert!(error.message.contains("/dev/full") && error.help.contains("gc"), "{error:?}");
+        }
+    }
+
+    #[test]
+    fn a_file_healed_by_another_process_is_not_removed() {
+        let dir = tempfile::tempdir().unwrap();
+        let cache = Cache::open(dir.path()).unwrap();
+        let digest = cache.put_object(b"whole").unwrap();
+        let path = cache.object_path(&digest);
+        // As if it had been read as damaged just before it was healed.
+        let healed = cache.discard(&path, |bytes| bytes == b"whole").unwrap();
+        assert_eq!(healed.as_deref(), Some(&b"whole"[..]));
+        assert_eq!(cache.object(&digest).unwrap(), Entry::Found(b"whole".to_vec()));
+        fs::write(&path, "damaged").unwrap();
+        assert_eq!(cache.object(&digest).unwrap(), Entry::Corrupt(path));
+        assert_eq!(cache.object(&digest).unwrap(), Entry::Missing);
     }
 }

@@ -36,8 +36,7 @@ impl Cone {
             if places.contains_key(&call) {
                 continue;
             }
-            let producers: BTreeSet<_> =
-                plan.dag.neighbors_directed(call, Direction::Incoming).collect();
+            let producers: BTreeSet<_> = plan.dag.neighbors_directed(call, Direction::Incoming).collect();
             left.extend(&producers);
             let wanted = wanted.contains(&call);
             let place = Place { producers, consumers: BTreeSet::new(), wanted, urgency: 0.0 };

@@ -55,11 +55,7 @@ pub(super) struct Coordinator<'a> {
 }
 
 impl<'a> Coordinator<'a> {
-    pub(super) fn new(
-        shared: &'a Shared<'a>,
-        cone: Cone,
-        on_event: &'a mut dyn FnMut(&Event),
-    ) -> Self {
+    pub(super) fn new(shared: &'a Shared<'a>, cone: Cone, on_event: &'a mut dyn FnMut(&Event)) -> Self {
         let progress = |call| {
             let place = cone.place(call);
             let progress = Progress {
@@ -73,17 +69,9 @@ impl<'a> Coordinator<'a> {
             (call, progress)
         };
         let calls = cone.calls().map(progress).collect();
-        let mut it = Self {
-            shared,
-            cone,
-            calls,
-            ready: BinaryHeap::new(),
-            in_flight: BTreeMap::new(),
-            fatal: None,
-            on_event,
-        };
-        let sources: Vec<_> =
-            it.cone.calls().filter(|call| it.calls[call].waiting.is_empty()).collect();
+        let mut it =
+            Self { shared, cone, calls, ready: BinaryHeap::new(), in_flight: BTreeMap::new(), fatal: None, on_event };
+        let sources: Vec<_> = it.cone.calls().filter(|call| it.calls[call].waiting.is_empty()).collect();
         for call in sources {
             it.push(Step::Resolve, call);
         }
@@ -191,8 +179,11 @@ impl<'a> Coordinator<'a> {
             self.release_followers(call);
         }
         self.at(call).ingredients = Some(ingredients);
+        let forced = self.calls[&call].forced;
         match self.in_flight.get_mut(&key) {
-            Some((leader, followers)) if *leader != call => followers.push(call),
+            // A forced call follows nobody: its leader may be waiting for this very output, as a
+            // call may have the key of its own input (idempotent nodes).
+            Some((leader, followers)) if *leader != call && !forced => followers.push(call),
             _ => {
                 self.in_flight.entry(key).or_insert((call, Vec::new()));
                 self.push(Step::Execute, call);

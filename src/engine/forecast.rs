@@ -77,13 +77,7 @@ impl Forecast {
         Ok(it)
     }
 
-    fn prospect(
-        &self,
-        plan: &Plan,
-        call: NodeIndex,
-        cache: &Cache,
-        sources: &Sources,
-    ) -> Result<Prospect, CacheError> {
+    fn prospect(&self, plan: &Plan, call: NodeIndex, cache: &Cache, sources: &Sources) -> Result<Prospect, CacheError> {
         let bare = |verdict| Prospect { verdict, ingredients: None, record: None, seconds: None };
         let own = match Ingredients::own(plan, call, sources) {
             Ok(own) => own,
@@ -122,17 +116,12 @@ impl Forecast {
     /// Finds known outputs whose bytes are gone and needed.
     fn find_evicted(&mut self, plan: &Plan, cone: &Cone, cache: &Cache) {
         for call in self.order.clone().into_iter().rev() {
-            let Prospect { verdict: Verdict::Hit, record: Some(record), .. } = &self.calls[&call]
-            else {
+            let Prospect { verdict: Verdict::Hit, record: Some(record), .. } = &self.calls[&call] else {
                 continue;
             };
             let place = cone.place(call);
             let executes = |c: &&NodeIndex| self.calls[c].verdict.executes();
-            let needed_by = if place.wanted {
-                Some(call)
-            } else {
-                place.consumers.iter().find(executes).copied()
-            };
+            let needed_by = if place.wanted { Some(call) } else { place.consumers.iter().find(executes).copied() };
             let Some(needed_by) = needed_by else { continue };
             if !cache.has_object(&record.digest) {
                 let needed_by = plan.name(needed_by).to_owned();

@@ -43,13 +43,7 @@ impl Held {
     }
 
     /// Holds an artefact and drops those longest unused until all fit the budget.
-    pub(super) fn put(
-        &self,
-        call: NodeIndex,
-        digest: Digest,
-        bytes: u64,
-        artefact: Arc<dyn AnyArtefact>,
-    ) {
+    pub(super) fn put(&self, call: NodeIndex, digest: Digest, bytes: u64, artefact: Arc<dyn AnyArtefact>) {
         let mut inner = self.lock();
         inner.clock += 1;
         let entry = Entry { artefact, digest, bytes, used: inner.clock };

@@ -6,7 +6,7 @@ use std::path::Path;
 use petgraph::graph::NodeIndex;
 use serde::{Deserialize, Serialize};
 
-use super::cache::{Cache, CacheError, Entry, list, remove, sealed};
+use super::cache::{Cache, CacheError, Entry, list, remove};
 use super::key::Digest;
 use super::schedule::State;
 use crate::graph::Plan;
@@ -67,12 +67,7 @@ pub enum RunOutcome {
 }
 
 impl RunRecord {
-    pub(super) fn new(
-        plan: &Plan,
-        states: &BTreeMap<NodeIndex, State>,
-        when: u64,
-        seconds: f64,
-    ) -> Self {
+    pub(super) fn new(plan: &Plan, states: &BTreeMap<NodeIndex, State>, when: u64, seconds: f64) -> Self {
         let call = |(call, state): (&NodeIndex, &State)| {
             let it = &plan.dag[*call];
             let record = state.record();
@@ -125,17 +120,13 @@ impl RunRecord {
 
 impl Cache {
     /// Recent runs, latest first; of one graph file only, if given.
-    pub fn runs(
-        &self,
-        graph: Option<&Path>,
-    ) -> Result<impl Iterator<Item = RunRecord>, CacheError> {
+    pub fn runs(&self, graph: Option<&Path>) -> Result<impl Iterator<Item = RunRecord>, CacheError> {
         let ending = graph.map(|graph| format!("-{}.json", tag(&absolute(graph))));
         let mut paths = list(&self.root.join("runs"))?;
-        paths.retain(|path| {
-            ending.as_ref().is_none_or(|ending| path.to_string_lossy().ends_with(ending))
-        });
+        paths.retain(|path| ending.as_ref().is_none_or(|ending| path.to_string_lossy().ends_with(ending)));
         paths.reverse();
-        Ok(paths.into_iter().filter_map(|path| match sealed(&path) {
+        let cache = self.clone();
+        Ok(paths.into_iter().filter_map(move |path| match cache.sealed(&path, |_| true) {
             Ok(Entry::Found(run)) => Some(run),
             _ => None,
         }))

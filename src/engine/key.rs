@@ -126,20 +126,9 @@ impl Ingredients {
     /// record of the output (see [`super::record`]), as nobody knows them before it has run.
     #[must_use]
     pub fn key(&self) -> Digest {
-        let files: BTreeMap<&String, Digest> =
-            self.files.iter().map(|(param, file)| (param, file.digest)).collect();
-        let inputs: Vec<_> =
-            self.inputs.iter().map(|i| json!([i.port, i.label, i.digest])).collect();
-        let key = json!([
-            KEY_FORMAT,
-            self.kind,
-            self.version,
-            self.output,
-            self.format,
-            self.params,
-            files,
-            inputs
-        ]);
+        let files: BTreeMap<&String, Digest> = self.files.iter().map(|(param, file)| (param, file.digest)).collect();
+        let inputs: Vec<_> = self.inputs.iter().map(|i| json!([i.port, i.label, i.digest])).collect();
+        let key = json!([KEY_FORMAT, self.kind, self.version, self.output, self.format, self.params, files, inputs]);
         Digest::of(canonical(&key).as_bytes())
     }
 
@@ -152,8 +141,7 @@ impl Ingredients {
         let mut files = BTreeMap::new();
         for (param, path) in &it.files {
             let digest = sources.digest(path)?.ok_or_else(|| sources.absent(path))?;
-            files
-                .insert(param.clone(), FileIngredient { digest, path: path.display().to_string() });
+            files.insert(param.clone(), FileIngredient { digest, path: path.display().to_string() });
             if let Some(Value::String(text)) = params.get_mut(param) {
                 *text = FileParam(std::mem::take(text)).extension();
             }
@@ -172,12 +160,7 @@ impl Ingredients {
 
     /// Adds the inputs, given the content of each producer's output.
     #[must_use]
-    pub fn with_inputs(
-        mut self,
-        plan: &Plan,
-        call: NodeIndex,
-        digest: impl Fn(NodeIndex) -> Digest,
-    ) -> Self {
+    pub fn with_inputs(mut self, plan: &Plan, call: NodeIndex, digest: impl Fn(NodeIndex) -> Digest) -> Self {
         let input = |(wire, from): (&crate::graph::Wire, NodeIndex)| InputIngredient {
             port: wire.port.to_owned(),
             label: wire.label.clone(),

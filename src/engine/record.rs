@@ -93,9 +93,7 @@ pub fn seal(value: &impl Serialize) -> Result<String, serde_json::Error> {
 pub fn unseal<T: DeserializeOwned>(text: &[u8]) -> Option<T> {
     let sealed: Sealed = serde_json::from_slice(text).ok()?;
     let record = sealed.record.get();
-    (Digest::of(record.as_bytes()) == sealed.check)
-        .then(|| serde_json::from_str(record).ok())
-        .flatten()
+    (Digest::of(record.as_bytes()) == sealed.check).then(|| serde_json::from_str(record).ok()).flatten()
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use serde::{Deserialize, Serialize};
 
-use super::cache::{Cache, CacheError, Entry, list, remove, sealed};
+use super::cache::{Cache, CacheError, Entry, list, remove};
 use super::worker::millis;
 
 /// How often a living process touches its file.
@@ -83,7 +83,7 @@ impl Cache {
             let age = fs::metadata(&path).and_then(|m| m.modified()).map(|at| at.elapsed());
             if matches!(age, Ok(Ok(age)) if age > DEAD_AFTER) {
                 remove(&path)?;
-            } else if let Entry::Found(it) = sealed::<Live>(&path)? {
+            } else if let Entry::Found(it) = self.sealed(&path, |_: &Live| true)? {
                 if it.is_gone() { remove(&path)? } else { live.push(it) }
             }
         }

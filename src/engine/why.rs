@@ -123,16 +123,10 @@ pub struct Explanation {
 }
 
 /// Explains what would become of a call that is in the forecast.
-pub fn why(
-    plan: &Plan,
-    forecast: &Forecast,
-    call: NodeIndex,
-    cache: &Cache,
-) -> Result<Explanation, CacheError> {
+pub fn why(plan: &Plan, forecast: &Forecast, call: NodeIndex, cache: &Cache) -> Result<Explanation, CacheError> {
     let verdict = forecast.calls[&call].verdict.clone();
     let runs: Vec<_> = cache.runs(Some(&plan.file))?.collect();
-    let mut inquiry =
-        Inquiry { plan, forecast, cache, runs, sources: Sources::new(), seen: BTreeSet::new() };
+    let mut inquiry = Inquiry { plan, forecast, cache, runs, sources: Sources::new(), seen: BTreeSet::new() };
     let causes = match &verdict {
         Verdict::Hit => Vec::new(),
         _ => inquiry.causes(call)?,
@@ -181,9 +175,7 @@ impl Inquiry<'_> {
         }
         let nearest = self.nearest(call)?;
         Ok(match (nearest, failed) {
-            (record, Some((message, when))) => {
-                Some(Before { record, failed: Some(message), when: Some(when) })
-            }
+            (record, Some((message, when))) => Some(Before { record, failed: Some(message), when: Some(when) }),
             (Some(record), None) => Some(Before { record: Some(record), failed: None, when: None }),
             (None, None) => None,
         })
@@ -253,8 +245,7 @@ impl Inquiry<'_> {
         for (wire, from) in wires(self.plan, call) {
             ports.entry(wire.port).or_default().push((wire.label.clone(), from));
         }
-        let names: BTreeSet<&str> =
-            ports.keys().copied().chain(then.inputs.iter().map(|i| i.port.as_str())).collect();
+        let names: BTreeSet<&str> = ports.keys().copied().chain(then.inputs.iter().map(|i| i.port.as_str())).collect();
         let mut changed = Vec::new();
         for port in names {
             let now = ports.get(port).map_or(&[][..], Vec::as_slice);

@@ -33,9 +33,7 @@ pub(super) enum Job {
 impl Job {
     pub(super) fn call(&self) -> NodeIndex {
         match self {
-            Self::Resolve { call, .. } | Self::Load { call, .. } | Self::Execute { call, .. } => {
-                *call
-            }
+            Self::Resolve { call, .. } | Self::Load { call, .. } | Self::Execute { call, .. } => *call,
         }
     }
 }
@@ -126,8 +124,7 @@ impl Shared<'_> {
             }),
             Job::Execute { call, inputs, ingredients } => self.execute(call, &inputs, ingredients),
         }));
-        let result =
-            result.unwrap_or_else(|panic| Err(Halt::Node(self.panicked(call, panic.as_ref()))));
+        let result = result.unwrap_or_else(|panic| Err(Halt::Node(self.panicked(call, panic.as_ref()))));
         self.send(Report::Done(call, result));
     }
 
@@ -141,16 +138,14 @@ impl Shared<'_> {
         let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
         let kind = self.plan.dag[call].node.kind();
         let text = text.unwrap_or_else(|| "no message".into());
-        NodeError::passing(format!("the node `{kind}` panicked: {text}")).help(
-            "this is a bug in the node: please report it with the graph file and the panic's message",
-        )
+        NodeError::passing(format!("the node `{kind}` panicked: {text}"))
+            .help("this is a bug in the node: please report it with the graph file and the panic's message")
     }
 
     fn resolve(&self, call: NodeIndex, inputs: &BTreeMap<NodeIndex, Digest>) -> Result<Done, Halt> {
         let own = Ingredients::own(self.plan, call, self.sources)?;
         let ingredients = Arc::new(own.with_inputs(self.plan, call, |from| inputs[&from]));
-        let (found, corrupt) =
-            lookup(&self.plan.dag[call], &ingredients.key(), self.cache, self.sources)?;
+        let (found, corrupt) = lookup(&self.plan.dag[call], &ingredients.key(), self.cache, self.sources)?;
         for path in corrupt {
             self.corrupt(call, &path);
         }
@@ -170,11 +165,7 @@ impl Shared<'_> {
     }
 
     /// A call's output, from memory or from the cache; `None` if it is in neither.
-    fn materialise(
-        &self,
-        call: NodeIndex,
-        digest: Digest,
-    ) -> Result<Option<Arc<dyn AnyArtefact>>, Halt> {
+    fn materialise(&self, call: NodeIndex, digest: Digest) -> Result<Option<Arc<dyn AnyArtefact>>, Halt> {
         if let Some(artefact) = self.held.get(call, &digest) {
             return Ok(Some(artefact));
         }
@@ -242,8 +233,7 @@ impl Shared<'_> {
         };
         let (bytes, changed) = artefact.to_bytes().map_err(unwritable)?;
         // Downstream must see what a later run will read.
-        let artefact =
-            if changed { (output.decode)(&bytes).map_err(unwritable)? } else { artefact };
+        let artefact = if changed { (output.decode)(&bytes).map_err(unwritable)? } else { artefact };
         let digest = self.cache.put_object(&bytes)?;
         let reliable = !host.unreliable.load(Ordering::Acquire);
         let record = Record {
@@ -331,17 +321,13 @@ impl Host for NodeHost<'_> {
             return self.pinned(path)?.ok_or_else(|| sources.absent(path));
         };
         if Path::new(relative).is_absolute() {
-            let message =
-                format!("`{relative}`, asked for beside `{param}`, is not a relative path");
+            let message = format!("`{relative}`, asked for beside `{param}`, is not a relative path");
             return Err(NodeError::new(message));
         }
         let path = beside(call, param, relative).ok_or_else(nameless)?;
         let bytes = self.pinned(&path)?;
-        let read = Read {
-            param: param.to_owned(),
-            beside: relative.to_owned(),
-            digest: bytes.as_deref().map(Digest::of),
-        };
+        let read =
+            Read { param: param.to_owned(), beside: relative.to_owned(), digest: bytes.as_deref().map(Digest::of) };
         self.reads.lock().unwrap_or_else(PoisonError::into_inner).insert(read);
         bytes.ok_or_else(|| sources.absent(&path))
     }

@@ -97,25 +97,19 @@ impl Globs {
             return Err(format!("the folder {} is not UTF-8", dir.display()));
         };
         let absolute = Path::new(pattern).is_absolute() || folder.is_empty();
-        let full = if absolute {
-            pattern.to_owned()
-        } else {
-            format!("{}/{pattern}", Pattern::escape(folder))
-        };
+        let full = if absolute { pattern.to_owned() } else { format!("{}/{pattern}", Pattern::escape(folder)) };
         self.folders.insert(fixed_folder(dir, pattern));
         let options = MatchOptions { require_literal_leading_dot: true, ..MatchOptions::new() };
-        let paths = glob::glob_with(&full, options)
-            .map_err(|e| format!("this is not a pattern of files: {e}"))?;
+        let paths =
+            glob::glob_with(&full, options).map_err(|e| format!("this is not a pattern of files: {}", e.msg))?;
         let mut files = Vec::new();
         for path in paths {
-            let path =
-                path.map_err(|e| format!("cannot list {}: {}", e.path().display(), e.error()))?;
+            let path = path.map_err(|e| format!("cannot list {}: {}", e.path().display(), e.error()))?;
             if !path.is_file() {
                 continue;
             }
             self.folders.extend(path.parent().map(Path::to_owned));
-            let relative =
-                if absolute { Some(path.as_path()) } else { path.strip_prefix(dir).ok() };
+            let relative = if absolute { Some(path.as_path()) } else { path.strip_prefix(dir).ok() };
             files.push(relative.unwrap_or(&path).to_owned());
             if files.len() > MOST_ITEMS {
                 return Err(format!("more than {MOST_ITEMS} files match"));
@@ -197,10 +191,7 @@ impl Walk<'_, '_> {
                 Ok(_) => {
                     self.report
                         .error(arg.span, "no-files", format!("no file matches `{}`", pattern.text))
-                        .hint(format!(
-                            "looked in {}",
-                            shown(&fixed_folder(&value.dir, &pattern.text))
-                        ));
+                        .hint(format!("looked in {}", shown(&fixed_folder(&value.dir, &pattern.text))));
                     return None;
                 }
                 Err(why) => {
@@ -211,9 +202,7 @@ impl Walk<'_, '_> {
         }
         let mut items = Vec::with_capacity(paths.len());
         for path in &paths {
-            let (Some(text), Some(stem)) =
-                (path.to_str(), path.file_stem().and_then(|s| s.to_str()))
-            else {
+            let (Some(text), Some(stem)) = (path.to_str(), path.file_stem().and_then(|s| s.to_str())) else {
                 let message = format!("the file name {} is not UTF-8", path.display());
                 self.report.error(value.span, "bad-axis", message);
                 return None;
@@ -239,13 +228,12 @@ impl Walk<'_, '_> {
             return None;
         }
         let of = get("of").and_then(|f| f.value.string(self.report));
-        let roles: Option<Vec<Name>> =
-            get("as").and_then(|f| f.value.call(self.report)).and_then(|call| match call {
-                Call::Positional(name, roles) if name.text.is_empty() => {
-                    roles.iter().map(|role| role.string(self.report)).collect()
-                }
-                _ => None,
-            });
+        let roles: Option<Vec<Name>> = get("as").and_then(|f| f.value.call(self.report)).and_then(|call| match call {
+            Call::Positional(name, roles) if name.text.is_empty() => {
+                roles.iter().map(|role| role.string(self.report)).collect()
+            }
+            _ => None,
+        });
         let (Some(of), Some([one, two])) = (of, roles.as_deref()) else {
             self.report.error(span, "bad-axis", "`pairs` needs an axis and two names").hint(HINT);
             return None;
@@ -260,9 +248,7 @@ impl Walk<'_, '_> {
             let hint = suggest(&of.text, "axes", &known);
             let message = format!("there is no axis `{}` to make pairs of", of.text);
             // An axis with an error of its own has been reported.
-            if !self.scopes[scope].file.over.iter().any(|f| f.name.text == of.text)
-                || hint.contains('?')
-            {
+            if !self.scopes[scope].file.over.iter().any(|f| f.name.text == of.text) || hint.contains('?') {
                 self.report.error(of.span, "unknown-axis", message).hint(hint);
             }
             return None;
@@ -315,9 +301,7 @@ fn list_items(report: &mut Diagnostics, span: Span, list: &[Value]) -> Option<Ve
 fn reserved(report: &mut Diagnostics, item: &Item) {
     if item.label.contains(RESERVED) {
         let message = format!("`{}` cannot name an instance", item.label);
-        report
-            .error(item.span, "bad-name", message)
-            .hint("rename it without commas and square brackets");
+        report.error(item.span, "bad-name", message).hint("rename it without commas and square brackets");
     }
 }
 
@@ -338,11 +322,10 @@ pub fn name_files(report: &mut Diagnostics, span: Span, items: &mut [Item]) {
     let mut seen: BTreeMap<&str, &Item> = BTreeMap::new();
     for item in &*items {
         if let Some(first) = seen.insert(&item.label, item) {
-            let message =
-                format!("{} and {} would both be named `{}`", first.text, item.text, item.label);
-            report.error(span, "duplicate", message).hint(
-                "instances are named after the file without its extension; rename one of the files",
-            );
+            let message = format!("{} and {} would both be named `{}`", first.text, item.text, item.label);
+            report
+                .error(span, "duplicate", message)
+                .hint("instances are named after the file without its extension; rename one of the files");
         }
         reserved(report, item);
     }

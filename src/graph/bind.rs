@@ -10,6 +10,7 @@ use salient_sdk::{BoundNode, ParamError};
 use super::axes::{Along, Axis, Item};
 use super::file::tidy;
 use super::flatten::{Arg, Flat, Kind};
+use super::syntax::string;
 use crate::diagnostics::{Diagnostics, Span, did_you_mean};
 
 /// Params of one call, typed.
@@ -22,33 +23,31 @@ pub struct Bound {
 #[derive(Clone)]
 pub struct Text {
     pub name: String,
-    pub text: Rc<str>,
+    pub ron: Rc<str>,
     pub span: Span,
     /// Whether `text` is what is written at `span`.
     pub exact: bool,
     pub dir: Rc<Path>,
 }
 
+/// Params as written: kind, then names, texts and folders.
+type Written = (&'static str, Vec<(String, Rc<str>, Rc<Path>)>);
+
 /// All params bound so far; equal ones have equal numbers.
 #[derive(Default)]
 pub struct Binder {
     pub bounds: Vec<Bound>,
-    by_text: HashMap<(&'static str, Vec<(String, Rc<str>, Rc<Path>)>), Option<usize>>,
+    by_text: HashMap<Written, usize>,
     by_value: HashMap<(&'static str, String), usize>,
     exists: HashMap<PathBuf, bool>,
 }
 
 /// The params of a node; `item` is where it is on its axis.
-pub fn texts(
-    report: &Diagnostics,
-    params: &[(String, Arg)],
-    axes: &[Axis],
-    item: usize,
-) -> Vec<Text> {
+pub fn texts(report: &Diagnostics, params: &[(String, Arg)], axes: &[Axis], item: usize) -> Vec<Text> {
     let text = |(name, arg): &(String, Arg)| match arg {
         Arg::Text(value) => Some(Text {
             name: name.clone(),
-            text: report.sources.text(value.span).into(),
+            ron: report.sources.text(value.span).into(),
             span: value.span,
             exact: true,
             dir: value.dir.clone(),
@@ -56,10 +55,11 @@ pub fn texts(
         Arg::Each(axis, _) => match &axes[*axis].along {
             Along::Items(items) => {
                 let Item { text, span, dir, exact, .. } = items.get(item)?.clone();
-                Some(Text { name: name.clone(), text, span, exact, dir })
+                Some(Text { name: name.clone(), ron: text, span, exact, dir })
             }
             Along::Pairs { .. } => None,
         },
+        Arg::Broken => None,
     };
     params.iter().filter_map(text).collect()
 }
@@ -68,23 +68,24 @@ impl Binder {
     /// The number of the bound params, or `None` if they are wrong, which is reported.
     pub fn bind(&mut self, report: &mut Diagnostics, flat: &Flat, texts: &[Text]) -> Option<usize> {
         let kind = flat.kind.node.kind();
-        let part = |t: &Text| (t.name.clone(), t.text.clone(), t.dir.clone());
+        let part = |t: &Text| (t.name.clone(), t.ron.clone(), t.dir.clone());
         let key = (kind, texts.iter().map(part).collect());
-        match self.by_text.get(&key) {
-            Some(Some(known)) => return Some(*known),
-            // The same text may be wrong in several places.
-            Some(None) | None => {}
+        if let Some(known) = self.by_text.get(&key) {
+            return Some(*known);
         }
-        let found = self.bind_new(report, flat, texts);
+        // Wrong ones are not kept: the same text may be wrong in several places.
+        let found = self.bind_new(report, flat, texts)?;
         self.by_text.insert(key, found);
-        found
+        Some(found)
     }
 
     fn bind_new(&mut self, report: &mut Diagnostics, flat: &Flat, texts: &[Text]) -> Option<usize> {
         let kind = &flat.kind;
         let given = |name: &str| texts.iter().find(|t| t.name == name);
-        let missing: Vec<_> =
-            kind.infos.iter().filter(|i| i.default.is_none() && given(&i.name).is_none()).collect();
+        let is_broken = |name: &str| flat.params.iter().any(|(n, arg)| n == name && matches!(arg, Arg::Broken));
+        let broken = flat.params.iter().any(|(_, arg)| matches!(arg, Arg::Broken));
+        let lacks = |name: &str| given(name).is_none() && !is_broken(name);
+        let missing: Vec<_> = kind.infos.iter().filter(|i| i.default.is_none() && lacks(&i.name)).collect();
         for info in &missing {
             let message = format!("`{}` needs the param `{}`", kind.node.kind(), info.name);
             report.error(flat.span, "missing-param", message).hint(format!(
@@ -94,23 +95,26 @@ impl Binder {
                 first_sentence(&info.doc)
             ));
         }
-        let fields: Vec<(&str, &str)> = texts.iter().map(|t| (t.name.as_str(), &*t.text)).collect();
+        let fields: Vec<(&str, &str)> = texts.iter().map(|t| (t.name.as_str(), &*t.ron)).collect();
         let node = match kind.node.bind(&fields) {
             Ok(node) => node,
             Err(errors) => {
                 for error in errors {
                     // A missing param fails the whole, without saying more than is said above.
-                    if !(error.param.is_empty() && !missing.is_empty()) {
+                    if !error.param.is_empty() || (missing.is_empty() && !broken) {
                         explain(report, flat, given(&error.param), &error);
                     }
                 }
+                let path = |name: &str| given(name).and_then(|t| string(&t.ron));
+                self.files(report, flat, path, texts);
                 return None;
             }
         };
-        if !missing.is_empty() {
+        let path = |name: &str| node.params()[name].as_str().map(str::to_owned);
+        let files = self.files(report, flat, path, texts)?;
+        if !missing.is_empty() || broken {
             return None;
         }
-        let files = self.files(report, flat, node.as_ref(), texts)?;
         let canonical = canonical(kind, node.as_ref(), &files);
         let next = self.bounds.len();
         let number = *self.by_value.entry((kind.node.kind(), canonical)).or_insert(next);
@@ -125,13 +129,13 @@ impl Binder {
         &mut self,
         report: &mut Diagnostics,
         flat: &Flat,
-        node: &dyn BoundNode,
+        path: impl Fn(&str) -> Option<String>,
         texts: &[Text],
     ) -> Option<BTreeMap<String, PathBuf>> {
         let mut files = BTreeMap::new();
         let mut all = true;
         for info in flat.kind.infos.iter().filter(|info| info.file) {
-            let Some(path) = node.params()[&info.name].as_str() else { continue };
+            let Some(path) = path(&info.name) else { continue };
             let text = texts.iter().find(|t| t.name == info.name);
             let full = tidy(&text.map_or(&flat.dir, |t| &t.dir).join(path));
             if !*self.exists.entry(full.clone()).or_insert_with(|| full.is_file()) {
@@ -168,8 +172,7 @@ fn similar(path: &Path) -> Option<String> {
     let Ok(entries) = std::fs::read_dir(folder) else {
         return Some(format!("there is no folder {}", folder.display()));
     };
-    let mut names: Vec<String> =
-        entries.filter_map(|e| e.ok()?.file_name().into_string().ok()).collect();
+    let mut names: Vec<String> = entries.filter_map(|e| e.ok()?.file_name().into_string().ok()).collect();
     names.sort();
     did_you_mean(name, names.iter().map(String::as_str))
 }
@@ -188,14 +191,12 @@ fn explain(report: &mut Diagnostics, flat: &Flat, text: Option<&Text>, error: &P
     };
     let info = kind.infos.iter().find(|info| info.name == error.param);
     let hint = info.map(|info| {
-        let written = text.map_or("", |t| t.text.trim());
+        let written = text.map_or("", |t| t.ron.trim());
         let word = written.split(['(', '"']).find(|w| !w.is_empty()).unwrap_or_default();
         let choices = info.form.split(" | ").map(|c| c.trim_end_matches("(..)"));
         let is_choice = info.form.contains(" | ");
         let near = if is_choice { did_you_mean(word, choices) } else { None };
-        near.unwrap_or_else(|| {
-            format!("`{}` is {}: {}", info.name, info.form, first_sentence(&info.doc))
-        })
+        near.unwrap_or_else(|| format!("`{}` is {}: {}", info.name, info.form, first_sentence(&info.doc)))
     });
     let message = match (text, error.span.is_empty()) {
         (Some(_), false) => format!("`{}`: {}", error.param, lower(&error.message)),

@@ -1,11 +1,13 @@
 //! Whether the wires fit: names, types, arity, cycles and axes.
 
-use petgraph::algo::{kosaraju_scc, toposort};
+use std::collections::BTreeSet;
+
+use petgraph::algo::kosaraju_scc;
 use petgraph::graph::{DiGraph, NodeIndex};
 use salient_sdk::Arity;
 
 use super::axes::{Along, stems};
-use super::flatten::{Arg, Walk};
+use super::flatten::{Arg, Flat, Walk};
 use super::syntax::Value;
 use super::wires::{Target, Used};
 use crate::diagnostics::{Span, suggest};
@@ -27,6 +29,8 @@ pub struct Linked {
     pub links: Vec<Vec<Link>>,
     /// The axis that each node is repeated along.
     pub axis: Vec<Option<usize>>,
+    /// Whether an error hides which axis a node is on.
+    pub unsure: Vec<bool>,
     /// The nodes, each after all that feed it.
     pub order: Vec<usize>,
 }
@@ -38,8 +42,10 @@ impl Walk<'_, '_> {
         self.check_inputs(&mut used);
         let mut linked = Linked::default();
         for flat in 0..self.flats.len() {
-            let links = self.links(&mut used, flat);
+            let (links, torn) = self.links(&mut used, flat);
             linked.links.push(links);
+            let broken = self.flats[flat].params.iter().any(|(_, arg)| matches!(arg, Arg::Broken));
+            linked.unsure.push(torn || broken);
         }
         self.check_outputs(&mut used);
         linked.order = self.order(&linked.links);
@@ -47,6 +53,7 @@ impl Walk<'_, '_> {
         linked.axis = vec![None; self.flats.len()];
         for i in 0..linked.order.len() {
             let flat = linked.order[i];
+            linked.unsure[flat] |= linked.links[flat].iter().any(|l| linked.unsure[l.from.flat]);
             linked.axis[flat] = self.axis_of(flat, &linked);
             self.check_gathering(flat, &linked);
         }
@@ -77,27 +84,20 @@ impl Walk<'_, '_> {
                 };
                 let made = self.flats[target.flat].kind.node.output().name;
                 if made != artefact.text {
-                    let message = format!(
-                        "the input `{}` takes a {}, but this is a {made}",
-                        name.text, artefact.text
-                    );
-                    self.wrong_type(value.span, message, &artefact.text, parent);
+                    let message = format!("the input `{}` takes a {}, but this is a {made}", name.text, artefact.text);
+                    self.wrong_type(value.span, message, &artefact.text, (parent, None));
                     used.broken.insert((scope, i));
                 }
             }
         }
     }
 
-    fn wrong_type(&mut self, span: Span, message: String, wanted: &str, scope: usize) {
+    /// `place` is the scope whose nodes are suggested, and the node that is not.
+    fn wrong_type(&mut self, span: Span, message: String, wanted: &str, place: (usize, Option<usize>)) {
         let fits =
-            |f: &&super::flatten::Flat| f.scope == scope && f.kind.node.output().name == wanted;
-        let names: Vec<String> = self
-            .flats
-            .iter()
-            .filter(fits)
-            .take(6)
-            .map(|f| format!("`{}`", f.address.rsplit('/').next().unwrap_or_default()))
-            .collect();
+            |(i, f): &(usize, &Flat)| f.scope == place.0 && place.1 != Some(*i) && f.kind.node.output().name == wanted;
+        let name = |(_, f): (usize, &Flat)| format!("`{}`", f.address.rsplit('/').next().unwrap_or_default());
+        let names: Vec<String> = self.flats.iter().enumerate().filter(fits).take(6).map(name).collect();
         let hint = if names.is_empty() {
             let makers = self.kinds.makers(wanted);
             format!("a {wanted} is made by {}", makers.join(", "))
@@ -107,26 +107,29 @@ impl Walk<'_, '_> {
         self.report.error(span, "wrong-type", message).hint(hint);
     }
 
-    fn links(&mut self, used: &mut Used, flat: usize) -> Vec<Link> {
+    /// The wires into a node, and whether one is wrong.
+    fn links(&mut self, used: &mut Used, flat: usize) -> (Vec<Link>, bool) {
         let kind = self.flats[flat].kind.clone();
         let wires = self.flats[flat].wires.clone();
         let scope = self.flats[flat].scope;
-        let mut links = Vec::new();
+        let (mut links, mut torn) = (Vec::new(), false);
         for (at, port) in kind.node.ports().iter().enumerate() {
             let Some((_, value)) = wires.iter().find(|(p, _)| *p == at) else {
                 if port.arity != Arity::Optional {
                     let (name, artefact) = (port.name, port.artefact);
-                    let message =
-                        format!("the input `{name}` of `{}` is not wired", kind.node.kind());
+                    let message = format!("the input `{name}` of `{}` is not wired", kind.node.kind());
                     let span = self.flats[flat].span;
-                    self.report.error(span, "missing-input", message).hint(format!(
-                        "add `{name}: \"..\"`, the name of a node that makes a {artefact}"
-                    ));
+                    self.report
+                        .error(span, "missing-input", message)
+                        .hint(format!("add `{name}: \"..\"`, the name of a node that makes a {artefact}"));
                 }
                 continue;
             };
             for value in self.wired(port.arity, port.name, value) {
-                let Some(from) = self.target(used, scope, &value) else { continue };
+                let Some(from) = self.target(used, scope, &value) else {
+                    torn = true;
+                    continue;
+                };
                 let made = self.flats[from.flat].kind.node.output().name;
                 if made != port.artefact {
                     let message = format!(
@@ -135,7 +138,8 @@ impl Walk<'_, '_> {
                         kind.node.kind(),
                         port.artefact
                     );
-                    self.wrong_type(value.span, message, port.artefact, scope);
+                    self.wrong_type(value.span, message, port.artefact, (scope, Some(flat)));
+                    torn = true;
                     continue;
                 }
                 let label = if port.arity == Arity::Many && !from.all {
@@ -146,7 +150,7 @@ impl Walk<'_, '_> {
                 links.push(Link { port: at, from, label, span: value.span });
             }
         }
-        links
+        (links, torn)
     }
 
     /// The single wires of what is written at a port: a port that takes many may have a list.
@@ -172,20 +176,40 @@ impl Walk<'_, '_> {
         }
     }
 
-    /// The nodes in an order in which each comes after all that feed it. Cycles are reported.
+    /// The nodes in an order in which each comes after all that feed it, and otherwise as in the
+    /// files. Cycles are reported.
     fn order(&mut self, links: &[Vec<Link>]) -> Vec<usize> {
-        let mut graph: DiGraph<(), ()> = DiGraph::with_capacity(links.len(), links.len());
-        for _ in links {
-            graph.add_node(());
-        }
+        let mut feeds = vec![Vec::new(); links.len()];
+        let mut open: Vec<usize> = links.iter().map(Vec::len).collect();
         for (to, links) in links.iter().enumerate() {
             for link in links {
-                graph.add_edge(NodeIndex::new(link.from.flat), NodeIndex::new(to), ());
+                feeds[link.from.flat].push(to);
             }
         }
-        if let Ok(order) = toposort(&graph, None) {
-            return order.into_iter().map(NodeIndex::index).collect();
+        let mut ready: BTreeSet<usize> = (0..links.len()).filter(|i| open[*i] == 0).collect();
+        let mut order = Vec::with_capacity(links.len());
+        while let Some(flat) = ready.pop_first() {
+            order.push(flat);
+            for to in &feeds[flat] {
+                open[*to] -= 1;
+                if open[*to] == 0 {
+                    ready.insert(*to);
+                }
+            }
         }
+        if order.len() == links.len() {
+            return order;
+        }
+        self.cycles(links);
+        Vec::new()
+    }
+
+    fn cycles(&mut self, links: &[Vec<Link>]) {
+        let edges = links
+            .iter()
+            .enumerate()
+            .flat_map(|(to, links)| links.iter().map(move |link| (link.from.flat as u32, to as u32)));
+        let graph: DiGraph<(), ()> = DiGraph::from_edges(edges);
         for mut group in kosaraju_scc(&graph) {
             group.sort();
             let first = group[0];
@@ -193,7 +217,6 @@ impl Walk<'_, '_> {
                 self.report_cycle(links, &group);
             }
         }
-        Vec::new()
     }
 
     fn report_cycle(&mut self, links: &[Vec<Link>], group: &[NodeIndex]) {
@@ -213,8 +236,7 @@ impl Walk<'_, '_> {
         let least = (0..cycle.len()).min_by_key(|i| cycle[*i]).unwrap_or(0);
         cycle.rotate_left(least);
         cycle.push(cycle[0]);
-        let names: Vec<&str> =
-            cycle.iter().map(|flat| self.flats[*flat].address.as_str()).collect();
+        let names: Vec<&str> = cycle.iter().map(|flat| self.flats[*flat].address.as_str()).collect();
         let message = format!("these nodes feed each other: {}", names.join(" -> "));
         let link = links[cycle[0]].iter().find(|link| link.from.flat == cycle[cycle.len() - 2]);
         let span = link.map_or(self.flats[cycle[0]].span, |link| link.span);
@@ -255,7 +277,7 @@ impl Walk<'_, '_> {
                 None => found.extend(from.map(|axis| (axis, link.span))),
                 Some((pairs, _)) => {
                     let Along::Pairs { of, .. } = self.axes[pairs].along else { continue };
-                    if from == Some(of) {
+                    if from == Some(of) || linked.unsure[link.from.flat] {
                         found.push((pairs, link.span));
                     } else {
                         let axis = &self.axes[of].name;
@@ -276,8 +298,7 @@ impl Walk<'_, '_> {
 
     fn two_axes(&mut self, first: usize, other: usize, span: Span) {
         let (one, two) = (&self.axes[first].name, &self.axes[other].name);
-        let message =
-            format!("a node is repeated along one axis, but here along `{one}` and `{two}`");
+        let message = format!("a node is repeated along one axis, but here along `{one}` and `{two}`");
         let sides = [first, other].iter().find_map(|axis| match &self.axes[*axis].along {
             Along::Pairs { of, roles } if [first, other].contains(of) => Some(roles.clone()),
             _ => None,
@@ -304,15 +325,12 @@ impl Walk<'_, '_> {
                 self.report
                     .error(link.span, "bad-axis", message)
                     .hint(format!("wire \"{source}\": the node is then repeated along its axis"));
-            } else if link.from.all && !repeated {
+            } else if link.from.all && !repeated && !linked.unsure[link.from.flat] {
                 let message = format!("`{source}` is not repeated along an axis");
                 self.report.error(link.span, "bad-axis", message).hint("wire it without `all(..)`");
             } else if many && repeated && !link.from.all {
                 let axis = linked.axis[link.from.flat].map_or("", |a| self.axes[a].name.as_str());
-                let message = format!(
-                    "`{source}` is repeated along `{axis}`, and `{}` takes many",
-                    port.name
-                );
+                let message = format!("`{source}` is repeated along `{axis}`, and `{}` takes many", port.name);
                 self.report
                     .error(link.span, "bad-axis", message)
                     .hint(format!("gather the instances with all(\"{source}\")"));
@@ -326,11 +344,9 @@ impl Walk<'_, '_> {
         }
         for (at, scope) in self.scopes.iter().enumerate() {
             for (i, (name, _)) in scope.file.inputs.iter().enumerate() {
-                if !used.inputs.contains(&(at, i)) {
+                if !used.inputs.contains(&(at, i)) && !used.torn.contains(&at) {
                     let message = format!("nothing is wired to the input `{}`", name.text);
-                    self.report
-                        .error(name.span, "unused-input", message)
-                        .hint("wire it to a node, or remove it");
+                    self.report.error(name.span, "unused-input", message).hint("wire it to a node, or remove it");
                 }
             }
         }

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::axes::{count, labels};
+use super::axes::{self, count};
 use super::bind::{Binder, Text, texts};
 use super::check::Linked;
 use super::file::GraphFile;
@@ -36,6 +36,8 @@ pub struct Show {
 pub struct Variant {
     pub prefix: String,
     pub linked: Linked,
+    /// How many calls it has, before equal ones are merged.
+    pub calls: usize,
     pub numbers: Vec<Numbers>,
     pub show: Vec<Show>,
     /// Names of the instances along each axis in use.
@@ -48,32 +50,31 @@ impl Walk<'_, '_> {
     /// Checks all that is left after flattening. Errors are reported; then the result is of no use.
     pub fn finish(&mut self, binder: &mut Binder, file: &GraphFile, prefix: String) -> Variant {
         let (linked, mut used) = self.link();
-        let mut names = BTreeMap::new();
-        for axis in linked.axis.iter().flatten() {
-            names.entry(*axis).or_insert_with(|| labels(&self.axes, *axis));
-        }
+        let calls = linked.axis.iter().map(|a| a.map_or(1, |a| count(&self.axes, a))).sum();
         let addresses = self.addresses(&mut used);
-        let calls: usize = linked.axis.iter().map(|a| a.map_or(1, |a| count(&self.axes, a))).sum();
+        let (numbers, show, labels) = Default::default();
+        let mut variant = Variant { prefix, linked, calls, numbers, show, labels, addresses };
+        // The caller refuses it; to name all instances would take the memory that is not there.
         if calls > MOST_CALLS {
-            let message = format!("the plan would have {calls} calls; {MOST_CALLS} is the most");
-            self.report.error(file.span, "too-large", message);
+            return variant;
         }
-        let mut numbers = Vec::new();
+        for axis in variant.linked.axis.iter().flatten() {
+            variant.labels.entry(*axis).or_insert_with(|| axes::labels(&self.axes, *axis));
+        }
         for flat in 0..self.flats.len() {
-            let axis = linked.axis.get(flat).copied().flatten();
-            let bound =
-                self.bind(binder, flat, axis.and_then(|a| names.get(&a)).map(Vec::as_slice));
-            numbers.push(bound.unwrap_or(Numbers::One(0)));
+            let axis = variant.linked.axis.get(flat).copied().flatten();
+            let labels = axis.and_then(|a| variant.labels.get(&a)).map(Vec::as_slice);
+            let bound = self.bind(binder, flat, labels);
+            variant.numbers.push(bound.unwrap_or(Numbers::One(0)));
         }
-        let show = self.show(&mut used, file, &linked, &names);
-        self.report_unmatched(&addresses);
-        Variant { prefix, linked, numbers, show, labels: names, addresses }
+        variant.show = self.show(&mut used, file, &variant.linked, &variant.labels);
+        self.report_unmatched(&variant.addresses);
+        variant
     }
 
     /// Every address of each node, its own first.
     fn addresses(&mut self, used: &mut Used) -> Vec<Vec<String>> {
-        let mut all: Vec<Vec<String>> =
-            self.flats.iter().map(|f| vec![f.address.clone()]).collect();
+        let mut all: Vec<Vec<String>> = self.flats.iter().map(|f| vec![f.address.clone()]).collect();
         // Errors on the way were reported when outputs were checked.
         let reported = self.report.list.len();
         for scope in 1..self.scopes.len() {
@@ -94,12 +95,7 @@ impl Walk<'_, '_> {
     }
 
     /// Types the params of a node: once, or for each instance if they differ.
-    fn bind(
-        &mut self,
-        binder: &mut Binder,
-        flat: usize,
-        labels: Option<&[String]>,
-    ) -> Option<Numbers> {
+    fn bind(&mut self, binder: &mut Binder, flat: usize, labels: Option<&[String]>) -> Option<Numbers> {
         let each = self.flats[flat].params.iter().any(|(_, arg)| matches!(arg, Arg::Each(..)));
         let Some(labels) = labels else {
             // Without an axis for lack of order, there is no item to take.
@@ -132,7 +128,7 @@ impl Walk<'_, '_> {
     fn text(&self, change: &Override) -> Text {
         Text {
             name: change.param.text.clone(),
-            text: self.report.sources.text(change.value.span).into(),
+            ron: self.report.sources.text(change.value.span).into(),
             span: change.value.span,
             exact: true,
             dir: change.value.dir.clone(),
@@ -174,13 +170,9 @@ impl Walk<'_, '_> {
         labels: &BTreeMap<usize, Vec<String>>,
     ) -> Vec<Show> {
         let names = file.show.clone().unwrap_or_else(|| file.output.iter().cloned().collect());
-        if names.is_empty() {
+        if names.is_empty() && !file.broken_show {
             self.report
-                .error(
-                    file.span,
-                    "nothing-shown",
-                    "the graph shows nothing, so there is nothing to do",
-                )
+                .error(file.span, "nothing-shown", "the graph shows nothing, so there is nothing to do")
                 .hint("say which results are wanted: `show: [\"..\"]`");
         }
         let mut show = Vec::new();

@@ -7,8 +7,7 @@ use std::rc::Rc;
 use super::syntax::{self, Call, Field, Name, Value};
 use crate::diagnostics::{Diagnostics, Span, suggest};
 
-const FIELDS: [&str; 9] =
-    ["format", "inputs", "params", "over", "nodes", "output", "show", "base", "variants"];
+const FIELDS: [&str; 9] = ["format", "inputs", "params", "over", "nodes", "output", "show", "base", "variants"];
 /// Bytes that a graph file may have; a larger one is surely not a graph.
 const LARGEST: u64 = 16 << 20;
 
@@ -53,6 +52,10 @@ pub struct GraphFile {
     pub output: Option<Name>,
     pub show: Option<Vec<Name>>,
     pub variants: Vec<Variant>,
+    /// Nodes with an error in their syntax.
+    pub broken: Vec<Name>,
+    /// Whether `show` has an error in its syntax.
+    pub broken_show: bool,
 }
 
 /// Reads graph files, each once.
@@ -76,8 +79,7 @@ impl Files {
         if let Some(from) = from
             && chain.contains(&path)
         {
-            let names: Vec<_> =
-                chain.iter().chain([&path]).map(|p| p.display().to_string()).collect();
+            let names: Vec<_> = chain.iter().chain([&path]).map(|p| p.display().to_string()).collect();
             report
                 .error(from, "recursion", format!("this file uses itself: {}", names.join(" -> ")))
                 .hint("a graph cannot contain itself");
@@ -87,7 +89,7 @@ impl Files {
             if known.is_none()
                 && let Some(from) = from
             {
-                report.error(from, "bad-subgraph", format!("{} has errors", path.display()));
+                report.error(from, "bad-subgraph", format!("{} cannot be used: it has an error", path.display()));
             }
             return known.clone();
         }
@@ -133,8 +135,7 @@ fn text(path: &Path) -> Result<String, String> {
         return Err(format!("it has {size} bytes; a graph has at most {LARGEST}"));
     }
     let bytes = std::fs::read(path).map_err(|e| e.to_string())?;
-    String::from_utf8(bytes)
-        .map_err(|e| format!("byte {} is not UTF-8", e.utf8_error().valid_up_to()))
+    String::from_utf8(bytes).map_err(|e| format!("byte {} is not UTF-8", e.utf8_error().valid_up_to()))
 }
 
 /// The path without `.` components.
@@ -142,11 +143,7 @@ pub fn tidy(path: &Path) -> PathBuf {
     path.components().filter(|c| !matches!(c, std::path::Component::CurDir)).collect()
 }
 
-fn parse(
-    report: &mut Diagnostics,
-    path: &Path,
-    value: &Value,
-) -> Option<(GraphFile, Option<Name>)> {
+fn parse(report: &mut Diagnostics, path: &Path, value: &Value) -> Option<(GraphFile, Option<Name>)> {
     let fields = match value.call(report) {
         Some(Call::Named(name, fields)) if name.text.is_empty() => fields,
         _ => {
@@ -168,6 +165,8 @@ fn parse(
         output: None,
         show: None,
         variants: Vec::new(),
+        broken: Vec::new(),
+        broken_show: false,
     };
     let mut base = None;
     let mut format = false;
@@ -180,27 +179,22 @@ fn parse(
             "inputs" => file.inputs = inputs(report, &field.value),
             "params" => file.params = names(report, &field.value, "param"),
             "over" => file.over = names(report, &field.value, "axis"),
-            "nodes" => file.nodes = nodes(report, &field.value),
+            "nodes" => (file.nodes, file.broken) = nodes(report, &field.value),
             "output" => file.output = text_of(report, &field.value, "the name of a node"),
-            "show" => file.show = Some(show(report, &field.value)),
+            "show" => {
+                file.show = show(report, &field.value);
+                file.broken_show = file.show.is_none();
+            }
             "base" => base = text_of(report, &field.value, "the path of a graph file"),
             "variants" => file.variants = variants(report, &field.value),
             other => {
                 let hint = suggest(other, "fields of a graph", &FIELDS);
-                report
-                    .error(
-                        field.name.span,
-                        "unknown-field",
-                        format!("a graph has no field `{other}`"),
-                    )
-                    .hint(hint);
+                report.error(field.name.span, "unknown-field", format!("a graph has no field `{other}`")).hint(hint);
             }
         }
     }
     if !format {
-        report
-            .error(span, "format", "the graph does not say which format it is in")
-            .hint("begin with `(format: 1,`");
+        report.error(span, "format", "the graph does not say which format it is in").hint("begin with `(format: 1,`");
     }
     Some((file, base))
 }
@@ -242,11 +236,7 @@ impl GraphFile {
             if base.nodes.iter().any(|n| n.name.text == node.name.text) {
                 let name = &node.name.text;
                 report
-                    .error(
-                        node.name.span,
-                        "duplicate",
-                        format!("the base has a node `{name}` already"),
-                    )
+                    .error(node.name.span, "duplicate", format!("the base has a node `{name}` already"))
                     .hint("a variant's `set` changes params of the base's nodes");
             } else {
                 self.nodes.push(node);
@@ -256,15 +246,13 @@ impl GraphFile {
         for variant in own {
             if base.variants.iter().any(|v| v.name.text == variant.name.text) {
                 let name = &variant.name.text;
-                report.error(
-                    variant.name.span,
-                    "duplicate",
-                    format!("the base has a variant `{name}` already"),
-                );
+                report.error(variant.name.span, "duplicate", format!("the base has a variant `{name}` already"));
             } else {
                 self.variants.push(variant);
             }
         }
+        self.broken.extend(base.broken.iter().cloned());
+        self.broken_show |= base.broken_show;
         self.show = self.show.take().or_else(|| base.show.clone());
         self.output = self.output.take().or_else(|| base.output.clone());
     }
@@ -308,11 +296,7 @@ fn names(report: &mut Diagnostics, value: &Value, what: &str) -> Vec<Field> {
     for Field { name, .. } in &fields {
         if name.text.is_empty() || !name.text.chars().all(plain) {
             report
-                .error(
-                    name.span,
-                    "bad-name",
-                    format!("`{}` cannot be the name of a {what}", name.text),
-                )
+                .error(name.span, "bad-name", format!("`{}` cannot be the name of a {what}", name.text))
                 .hint("names are made of letters, digits, `_` and `-`");
         }
     }
@@ -325,9 +309,10 @@ fn inputs(report: &mut Diagnostics, value: &Value) -> Vec<(Name, Name)> {
     fields.into_iter().filter_map(of).collect()
 }
 
-fn nodes(report: &mut Diagnostics, value: &Value) -> Vec<Node> {
+/// The calls, and the names of those that are none.
+fn nodes(report: &mut Diagnostics, value: &Value) -> (Vec<Node>, Vec<Name>) {
     let fields = names(report, value, "node");
-    let mut nodes = Vec::with_capacity(fields.len());
+    let (mut nodes, mut broken) = (Vec::with_capacity(fields.len()), Vec::new());
     for Field { name, value } in fields {
         match value.call(report) {
             Some(Call::Named(kind, fields)) if !kind.text.is_empty() => {
@@ -335,23 +320,22 @@ fn nodes(report: &mut Diagnostics, value: &Value) -> Vec<Node> {
                 nodes.push(Node { name, kind, fields });
             }
             _ => {
+                broken.push(name);
                 report
                     .error(value.span, "syntax", "a node is written as a call of its kind")
                     .hint("for example `load(path: \"cat.off\")`; each field has a name");
             }
         }
     }
-    nodes
+    (nodes, broken)
 }
 
-fn show(report: &mut Diagnostics, value: &Value) -> Vec<Name> {
+fn show(report: &mut Diagnostics, value: &Value) -> Option<Vec<Name>> {
     let Some(items) = value.list(report) else {
-        report
-            .error(value.span, "syntax", "what is shown is a list of names")
-            .hint("for example `show: [\"match\"]`");
-        return Vec::new();
+        report.error(value.span, "syntax", "what is shown is a list of names").hint("for example `show: [\"match\"]`");
+        return None;
     };
-    items.iter().filter_map(|item| text_of(report, item, "the name of a node")).collect()
+    items.iter().map(|item| text_of(report, item, "the name of a node")).collect()
 }
 
 fn variants(report: &mut Diagnostics, value: &Value) -> Vec<Variant> {
@@ -373,19 +357,11 @@ fn variant(report: &mut Diagnostics, field: Field) -> Option<Variant> {
         _ => None,
     });
     let (Some(how), Some((_, args))) = (how, call) else {
-        report
-            .error(
-                field.value.span,
-                "syntax",
-                "a variant is `set({..})`, `sweep({..})` or `zip({..})`",
-            )
-            .hint(HINT);
+        report.error(field.value.span, "syntax", "a variant is `set({..})`, `sweep({..})` or `zip({..})`").hint(HINT);
         return None;
     };
     let Some(entries) = args[0].map(report) else {
-        report
-            .error(args[0].span, "syntax", "a map of nodes to params is expected here")
-            .hint(HINT);
+        report.error(args[0].span, "syntax", "a map of nodes to params is expected here").hint(HINT);
         return None;
     };
     let mut changes = Vec::new();
@@ -395,9 +371,7 @@ fn variant(report: &mut Diagnostics, field: Field) -> Option<Variant> {
                 changes.push((entry.name, unique(report, params, "param")));
             }
             _ => {
-                report
-                    .error(entry.value.span, "syntax", "params are written `(name: value, ..)`")
-                    .hint(HINT);
+                report.error(entry.value.span, "syntax", "params are written `(name: value, ..)`").hint(HINT);
             }
         }
     }

@@ -14,6 +14,8 @@ use crate::diagnostics::{Diagnostics, Span, did_you_mean, suggest};
 
 /// Nodes that a graph may have before axes are expanded.
 const MOST_NODES: usize = 100_000;
+/// Subgraph calls that may be inside one another.
+const DEEPEST: usize = 64;
 
 /// A kind of node with its documented params.
 pub struct Kind {
@@ -57,6 +59,8 @@ pub enum Arg {
     Text(Value),
     /// The item of an axis.
     Each(usize, Span),
+    /// Given, but wrong, which has been reported.
+    Broken,
 }
 
 /// One node call, its address unique in the variant.
@@ -157,19 +161,12 @@ impl<'a, 'r> Walk<'a, 'r> {
             }
             let names: Vec<&str> = file.params.iter().map(|p| p.name.text.as_str()).collect();
             let hint = if file.nodes.iter().any(|n| n.name.text == set.name.text) {
-                format!(
-                    "`{0}` is a node; set a param of it with --set {0}.PARAM=VALUE",
-                    set.name.text
-                )
+                format!("`{0}` is a node; set a param of it with --set {0}.PARAM=VALUE", set.name.text)
             } else {
                 suggest(&set.name.text, "params of the graph", &names)
             };
             self.report
-                .error(
-                    set.name.span,
-                    "override-unmatched",
-                    format!("the graph has no param `{}`", set.name.text),
-                )
+                .error(set.name.span, "override-unmatched", format!("the graph has no param `{}`", set.name.text))
                 .hint(hint);
         }
         self.open(file, String::new(), 0, Vec::new(), given);
@@ -191,30 +188,18 @@ impl<'a, 'r> Walk<'a, 'r> {
         for (i, (name, _)) in file.inputs.iter().enumerate() {
             names.insert(name.text.clone(), Entry::Input(i));
         }
-        self.scopes.push(Scope {
-            file: file.clone(),
-            address,
-            parent,
-            names,
-            inputs,
-            params,
-            axes: BTreeMap::new(),
-        });
+        self.holes |= !file.broken.is_empty();
+        names.extend(file.broken.iter().map(|name| (name.text.clone(), Entry::Broken)));
+        self.scopes.push(Scope { file: file.clone(), address, parent, names, inputs, params, axes: BTreeMap::new() });
         self.chain.push(file.path.clone());
         self.open_axes(at);
         for node in &file.nodes {
-            let entry = if node.kind.text == "graph" {
-                self.subgraph(at, node)
-            } else {
-                self.node(at, node)
-            };
+            let entry = if node.kind.text == "graph" { self.subgraph(at, node) } else { self.node(at, node) };
             let name = node.name.text.clone();
             if let Some(Entry::Input(_)) = self.scopes[at].names.insert(name, entry) {
                 let name = &node.name.text;
                 let message = format!("the graph has an input `{name}` already");
-                self.report
-                    .error(node.name.span, "duplicate", message)
-                    .hint("rename the node or the input");
+                self.report.error(node.name.span, "duplicate", message).hint("rename the node or the input");
             }
         }
         self.chain.pop();
@@ -228,11 +213,7 @@ impl<'a, 'r> Walk<'a, 'r> {
             return Entry::Broken;
         };
         if self.flats.len() >= MOST_NODES {
-            self.report.error(
-                node.name.span,
-                "too-large",
-                format!("the graph has more than {MOST_NODES} nodes"),
-            );
+            self.report.error(node.name.span, "too-large", format!("the graph has more than {MOST_NODES} nodes"));
             return Entry::Broken;
         }
         let ports: Vec<&str> = kind.node.ports().iter().map(|p| p.name).collect();
@@ -245,11 +226,8 @@ impl<'a, 'r> Walk<'a, 'r> {
             if let Some(port) = ports.iter().position(|p| *p == name) {
                 wires.push((port, field.value.clone()));
             } else if params.contains(&name) {
-                if let Some(arg) = self.arg(scope, &field.value) {
-                    args.push((name.to_owned(), arg));
-                } else {
-                    self.holes = true;
-                }
+                let arg = self.arg(scope, &field.value).unwrap_or(Arg::Broken);
+                args.push((name.to_owned(), arg));
             } else {
                 let both: Vec<&str> = ports.iter().chain(&params).copied().collect();
                 let hint = suggest(name, "ports and params", &both);
@@ -258,8 +236,7 @@ impl<'a, 'r> Walk<'a, 'r> {
             }
         }
         for (name, value) in self.overrides_at(&address, kind.node.kind(), &params, &ports) {
-            let arg = self.arg(0, &value);
-            let Some(arg) = arg else { continue };
+            let arg = self.arg(0, &value).unwrap_or(Arg::Broken);
             match args.iter_mut().find(|(n, _)| *n == name) {
                 Some(old) => old.1 = arg,
                 None => args.push((name, arg)),
@@ -273,21 +250,12 @@ impl<'a, 'r> Walk<'a, 'r> {
 
     fn unknown_kind(&mut self, kind: &Name) {
         let known = self.kinds.registry.iter().map(AnyNode::kind).chain(["graph"]);
-        let hint = did_you_mean(&kind.text, known)
-            .unwrap_or_else(|| "`salient nodes` lists all kinds".into());
-        self.report
-            .error(kind.span, "unknown-kind", format!("there is no kind of node `{}`", kind.text))
-            .hint(hint);
+        let hint = did_you_mean(&kind.text, known).unwrap_or_else(|| "`salient nodes` lists all kinds".into());
+        self.report.error(kind.span, "unknown-kind", format!("there is no kind of node `{}`", kind.text)).hint(hint);
     }
 
     /// The overrides that change a node, in order; the last of a name wins.
-    fn overrides_at(
-        &mut self,
-        address: &str,
-        kind: &str,
-        params: &[&str],
-        wires: &[&str],
-    ) -> Vec<(String, Value)> {
+    fn overrides_at(&mut self, address: &str, kind: &str, params: &[&str], wires: &[&str]) -> Vec<(String, Value)> {
         let mut found = Vec::new();
         for (change, fate) in self.overrides.iter().zip(&mut self.fates) {
             if change.instances || !matches(&change.node.text, address) {
@@ -309,6 +277,12 @@ impl<'a, 'r> Walk<'a, 'r> {
 
     fn subgraph(&mut self, scope: usize, node: &Node) -> Entry {
         let address = self.scopes[scope].inside(&node.name.text);
+        if self.scopes.len() >= MOST_NODES || self.chain.len() >= DEEPEST {
+            let message = format!("more than {MOST_NODES} subgraph calls, or more than {DEEPEST} in one another");
+            self.report.error(node.name.span, "too-large", message);
+            self.holes = true;
+            return Entry::Broken;
+        }
         let Some(file) = self.subgraph_file(scope, node, &address) else {
             self.holes = true;
             return Entry::Broken;
@@ -334,14 +308,8 @@ impl<'a, 'r> Walk<'a, 'r> {
             if wired[i].is_none() {
                 let (name, artefact) = (&name.text, &artefact.text);
                 self.report
-                    .error(
-                        node.kind.span,
-                        "missing-input",
-                        format!("the input `{name}` is not wired"),
-                    )
-                    .hint(format!(
-                        "add `{name}: \"..\"`, the name of a node that makes a {artefact}"
-                    ));
+                    .error(node.kind.span, "missing-input", format!("the input `{name}` is not wired"))
+                    .hint(format!("add `{name}: \"..\"`, the name of a node that makes a {artefact}"));
             }
         }
         let settable: Vec<&str> = params.iter().copied().chain(["file"]).collect();
@@ -404,15 +372,10 @@ impl<'a, 'r> Walk<'a, 'r> {
                 }
             };
             let Some((next, found)) = self.scopes[scope].params.get(&name.text).cloned() else {
-                let known: Vec<&str> =
-                    self.scopes[scope].params.keys().map(String::as_str).collect();
+                let known: Vec<&str> = self.scopes[scope].params.keys().map(String::as_str).collect();
                 let hint = suggest(&name.text, "params of the graph", &known);
                 self.report
-                    .error(
-                        name.span,
-                        "unknown-param",
-                        format!("the graph has no param `{}`", name.text),
-                    )
+                    .error(name.span, "unknown-param", format!("the graph has no param `{}`", name.text))
                     .hint(hint);
                 return None;
             };
@@ -429,8 +392,7 @@ impl<'a, 'r> Walk<'a, 'r> {
             None => {}
             Some(Ok(name)) => {
                 let Some(axis) = self.scopes[scope].axes.get(&name.text) else {
-                    let known: Vec<&str> =
-                        self.scopes[scope].axes.keys().map(String::as_str).collect();
+                    let known: Vec<&str> = self.scopes[scope].axes.keys().map(String::as_str).collect();
                     let hint = suggest(&name.text, "axes", &known);
                     let message = format!("the graph has no axis `{}`", name.text);
                     self.report.error(name.span, "unknown-axis", message).hint(hint);
@@ -451,9 +413,7 @@ impl<'a, 'r> Walk<'a, 'r> {
             } else {
                 "`all` gathers the instances of a node into a port, not into a param"
             };
-            self.report
-                .error(value.span, "bad-param", format!("`{}(..)` is not a value", name.text))
-                .hint(hint);
+            self.report.error(value.span, "bad-param", format!("`{}(..)` is not a value", name.text)).hint(hint);
             return None;
         }
         Some(Arg::Text(value))

@@ -40,9 +40,10 @@ use crate::diagnostics::Diagnostics;
 use assemble::Assembly;
 use axes::Globs;
 use bind::Binder;
+use expand::MOST_CALLS;
 use file::{Files, GraphFile};
 use flatten::{Kinds, Walk};
-use overrides::{Fate, Override, Point, Sets, matches, unmatched};
+use overrides::{Fate, Override, Point, Sets, applies, no_variant, unmatched};
 
 /// Reads a graph file and makes a plan of it, or says all that is wrong with it at once.
 pub fn plan(file: &Path, overrides: &Overrides, registry: &Registry) -> Result<Plan, Diagnostics> {
@@ -93,44 +94,41 @@ impl Planner<'_> {
         let mut outside = Outside { sets, fates, known: Vec::new(), holes: false };
         let Some(file) = self.files.load(&mut self.report, path, None, &[]) else { return };
         for (name, _) in &file.inputs {
-            let message =
-                format!("the input `{}` is open: this graph can only be called", name.text);
-            self.report
-                .error(name.span, "open-input", message)
-                .hint("call it with `graph(file: ..)`");
+            let message = format!("the input `{}` is open: this graph can only be called", name.text);
+            self.report.error(name.span, "open-input", message).hint("call it with `graph(file: ..)`");
         }
-        let points =
-            overrides::points(&mut self.report, &file.variants, overrides.variants.as_deref());
+        let points = overrides::points(&mut self.report, &file.variants, overrides.variants.as_deref());
         for point in &points {
             self.variant(&file, point, &mut outside);
         }
         if !outside.holes {
             let known: Vec<&str> = outside.known.iter().map(String::as_str).collect();
+            let groups: Vec<&str> = points.iter().map(|p| p.group.as_str()).filter(|g| !g.is_empty()).collect();
             let sets = outside.sets.nodes.iter().zip(&outside.fates);
             for (set, fate) in sets.filter(|(_, fate)| !fate.matched) {
-                unmatched(&mut self.report, set, fate, &known);
+                if points.iter().any(|point| applies(set, point)) {
+                    unmatched(&mut self.report, set, fate, &known);
+                } else {
+                    no_variant(&mut self.report, set, &groups);
+                }
             }
         }
-        self.assembly.plan.file = path.to_owned();
+        path.clone_into(&mut self.assembly.plan.file);
         let names = points.into_iter().map(|p| p.name).filter(|name| !name.is_empty());
         self.assembly.plan.variants = names.collect();
     }
 
     fn variant(&mut self, file: &Rc<GraphFile>, point: &Point, outside: &mut Outside) {
-        let here = |o: &Override| {
-            o.variant.as_ref().is_none_or(|v| matches(v, &point.name) || matches(v, &point.group))
-        };
         let mut changes: Vec<Override> = point.changes.clone();
-        changes.extend(outside.sets.nodes.iter().filter(|o| here(o)).cloned());
-        let mut walk =
-            Walk::new(&mut self.report, &mut self.files, &mut self.kinds, &mut self.globs, changes);
+        changes.extend(outside.sets.nodes.iter().filter(|o| applies(o, point)).cloned());
+        let mut walk = Walk::new(&mut self.report, &mut self.files, &mut self.kinds, &mut self.globs, changes);
         walk.root(file, &outside.sets.params);
         let prefix = if point.name.is_empty() { String::new() } else { format!("{}:", point.name) };
         let variant = walk.finish(&mut self.binder, file, prefix);
         outside.holes |= walk.holes;
         let fates = walk.fates.iter().skip(point.changes.len());
         let totals = outside.sets.nodes.iter().zip(&mut outside.fates);
-        for ((_, total), fate) in totals.filter(|(set, _)| here(set)).zip(fates) {
+        for ((_, total), fate) in totals.filter(|(set, _)| applies(set, point)).zip(fates) {
             total.matched |= fate.matched;
             total.wire |= fate.wire;
             total.lacks = total.lacks.take().or_else(|| fate.lacks.clone());
@@ -140,6 +138,10 @@ impl Planner<'_> {
             outside.known.sort();
         }
         let Walk { flats, axes, .. } = walk;
+        if self.assembly.plan.addresses.len() + variant.calls > MOST_CALLS {
+            let message = format!("the plan would have more than {MOST_CALLS} calls");
+            self.report.error(file.span, "too-large", message);
+        }
         if self.report.is_empty() {
             self.assembly.add(&self.binder, &flats, &axes, &variant);
         }

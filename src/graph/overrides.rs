@@ -53,9 +53,7 @@ pub fn parse(report: &mut Diagnostics, sets: &[String]) -> Sets {
         let before = report.list.len();
         let span = syntax::check(report, whole.part(&(equals + 1..text.len())));
         for error in report.list.iter_mut().skip(before) {
-            error.hint(
-                "the value is RON: text needs quotation marks, as in --set 'a.path=\"cat.off\"'",
-            );
+            error.hint("the value is RON: text needs quotation marks, as in --set 'a.path=\"cat.off\"'");
         }
         let Some(span) = span else { continue };
         let value = Value { span, dir: dir.clone() };
@@ -128,11 +126,7 @@ pub struct Point {
 }
 
 /// The variants to plan, in the order of the file.
-pub fn points(
-    report: &mut Diagnostics,
-    variants: &[Variant],
-    wanted: Option<&[String]>,
-) -> Vec<Point> {
+pub fn points(report: &mut Diagnostics, variants: &[Variant], wanted: Option<&[String]>) -> Vec<Point> {
     let mut points: Vec<Point> = variants.iter().flat_map(|v| expand(report, v)).collect();
     if let Some(wanted) = wanted {
         for name in wanted {
@@ -142,9 +136,7 @@ pub fn points(
                 known.extend(points.iter().filter(|p| p.name != p.group).map(|p| p.name.as_str()));
                 let hint = suggest(name, "variants", &known);
                 let span = report.sources.add("--variant".into(), name);
-                report
-                    .error(span, "unknown-variant", format!("the graph has no variant `{name}`"))
-                    .hint(hint);
+                report.error(span, "unknown-variant", format!("the graph has no variant `{name}`")).hint(hint);
             }
         }
         points.retain(|p| wanted.iter().any(|name| p.name == *name || p.group == *name));
@@ -180,8 +172,7 @@ fn expand(report: &mut Diagnostics, variant: &Variant) -> Vec<Point> {
         prefix + &field.name.text
     };
     let point = |row: Vec<usize>| {
-        let picked =
-            || row.iter().zip(&lists).map(|(i, (node, f, values))| (*node, *f, &values[*i]));
+        let picked = || row.iter().zip(&lists).map(|(i, (node, f, values))| (*node, *f, &values[*i]));
         let say = |(node, field, value): (&Name, &Field, &Value)| {
             let text = report.sources.text(value.span).split_whitespace().collect::<Vec<_>>();
             format!("{}={}", label(node, field), text.join(" "))
@@ -207,8 +198,7 @@ fn rows(report: &mut Diagnostics, variant: &Variant, lists: &[List]) -> Option<V
     }
     if variant.how == How::Zip {
         let count = lists[0].2.len();
-        if let Some((_, field, values)) = lists.iter().find(|(_, _, values)| values.len() != count)
-        {
+        if let Some((_, field, values)) = lists.iter().find(|(_, _, values)| values.len() != count) {
             let message = format!("{} values here, {count} in the first list", values.len());
             report
                 .error(field.value.span, "bad-sweep", message)
@@ -279,10 +269,21 @@ pub fn unmatched(report: &mut Diagnostics, change: &Override, fate: &Fate, addre
             )
             .hint(hint);
     } else {
-        let hint = did_you_mean(node, addresses.iter().copied())
-            .unwrap_or_else(|| suggest(node, "nodes", addresses));
-        report
-            .error(change.node.span, "override-unmatched", format!("no node matches `{node}`"))
-            .hint(hint);
+        let hint = did_you_mean(node, addresses.iter().copied()).unwrap_or_else(|| suggest(node, "nodes", addresses));
+        report.error(change.node.span, "override-unmatched", format!("no node matches `{node}`")).hint(hint);
     }
+}
+
+/// Whether an override speaks of a variant.
+pub fn applies(change: &Override, point: &Point) -> bool {
+    let named = |v: &String| matches(v, &point.name) || matches(v, &point.group);
+    change.variant.as_ref().is_none_or(named)
+}
+
+/// Reports an override that speaks of no variant that is planned.
+pub fn no_variant(report: &mut Diagnostics, change: &Override, groups: &[&str]) {
+    let name = change.variant.as_deref().unwrap_or_default();
+    let hint = suggest(name, "variants planned", groups);
+    let message = format!("no variant that is planned matches `{name}`");
+    report.error(change.node.span, "unknown-variant", message).hint(hint);
 }

@@ -12,9 +12,7 @@ use ron::extensions::Extensions;
 use ron::value::RawValue;
 use salient_sdk::params::ron_options;
 use serde::Deserialize;
-use serde::de::{
-    DeserializeSeed, Deserializer, EnumAccess, MapAccess, SeqAccess, VariantAccess, Visitor,
-};
+use serde::de::{DeserializeSeed, Deserializer, EnumAccess, MapAccess, SeqAccess, VariantAccess, Visitor};
 
 use crate::diagnostics::{Diagnostics, Span};
 
@@ -56,16 +54,13 @@ pub enum Call {
 /// Checks that a text is one piece of RON and returns the place of the value in it.
 pub fn check(report: &mut Diagnostics, span: Span) -> Option<Span> {
     let text = report.sources.text(span).to_owned();
-    let parsed =
-        ron::Deserializer::from_str_with_options(&text, &ron_options()).and_then(|mut d| {
-            let value = <&RawValue>::deserialize(&mut d).map_err(|e| d.span_error(e))?;
-            d.end().map_err(|e| d.span_error(e))?;
-            Ok((value.trim().get_ron(), d.extensions()))
-        });
+    let parsed = ron::Deserializer::from_str_with_options(&text, &ron_options()).and_then(|mut d| {
+        let value = <&RawValue>::deserialize(&mut d).map_err(|e| d.span_error(e))?;
+        d.end().map_err(|e| d.span_error(e))?;
+        Ok((value.trim().get_ron(), d.extensions()))
+    });
     match parsed {
-        Ok((value, extensions)) if extensions == Extensions::IMPLICIT_SOME => {
-            Some(span.part(&place(&text, value)))
-        }
+        Ok((value, extensions)) if extensions == Extensions::IMPLICIT_SOME => Some(span.part(&place(&text, value))),
         Ok(_) => {
             let first = text.find("#!").unwrap_or(0);
             let end = text[first..].find(']').map_or(text.len(), |i| first + i + 1);
@@ -89,9 +84,7 @@ fn plain(error: &ron::Error) -> String {
         ron::Error::ExpectedComma => "a comma or a closing bracket is missing here".into(),
         ron::Error::ExpectedStringEnd => "this quotation mark is never closed".into(),
         ron::Error::ExpectedMapColon => "a colon is missing here".into(),
-        ron::Error::ExpectedRawValue | ron::Error::ExceededRecursionLimit => {
-            "brackets are nested too deep here".into()
-        }
+        ron::Error::ExpectedRawValue | ron::Error::ExceededRecursionLimit => "brackets are nested too deep here".into(),
         ron::Error::TrailingCharacters => "nothing may follow the value".into(),
         other => {
             let text = other.to_string();
@@ -104,15 +97,13 @@ fn plain(error: &ron::Error) -> String {
 /// The bytes of an error's place, at least one character long where there is one.
 fn spot(text: &str, span: &ron::error::Span) -> Range<usize> {
     let offset = |at: ron::error::Position| {
-        let line: usize =
-            text.split_inclusive('\n').take(at.line.saturating_sub(1)).map(str::len).sum();
+        let line: usize = text.split_inclusive('\n').take(at.line.saturating_sub(1)).map(str::len).sum();
         let rest = text.get(line..).unwrap_or_default();
         let column = rest.char_indices().nth(at.col.saturating_sub(1));
         line + column.map_or(rest.len(), |(i, _)| i)
     };
     let (start, end) = (offset(span.start), offset(span.end));
-    let next =
-        |at: usize| at + text.get(at..).and_then(|t| t.chars().next()).map_or(0, char::len_utf8);
+    let next = |at: usize| at + text.get(at..).and_then(|t| t.chars().next()).map_or(0, char::len_utf8);
     if start < end { start..end } else { end..next(end) }
 }
 
@@ -141,8 +132,7 @@ impl Value {
     /// Its parts, if it is a call or a record.
     pub fn call(&self, report: &Diagnostics) -> Option<Call> {
         let text = report.sources.text(self.span);
-        let (name, args) =
-            if text.starts_with('(') { (&text[..0], record(text)?) } else { call(text)? };
+        let (name, args) = if text.starts_with('(') { (&text[..0], record(text)?) } else { call(text)? };
         let at = self.name(text, name);
         Some(match args {
             Args::Named(fields) => {
@@ -152,9 +142,7 @@ impl Value {
                 };
                 Call::Named(at, fields.iter().map(field).collect())
             }
-            Args::Positional(values) => {
-                Call::Positional(at, values.iter().map(|v| self.piece(text, v)).collect())
-            }
+            Args::Positional(values) => Call::Positional(at, values.iter().map(|v| self.piece(text, v)).collect()),
         })
     }
 
@@ -168,17 +156,18 @@ impl Value {
     /// Its entries, keyed by strings, if it is a map. A key that is no string is an error.
     pub fn map(&self, report: &mut Diagnostics) -> Option<Vec<Field>> {
         let text = report.sources.text(self.span).to_owned();
-        let entries =
-            text.starts_with('{').then(|| run(&text, |d| d.deserialize_map(Entries)))??;
+        let entries = text.starts_with('{').then(|| run(&text, |d| d.deserialize_map(Entries)))??;
         let mut fields = Vec::with_capacity(entries.len());
         for (key, value) in entries {
             let key = self.piece(&text, key);
-            match key.string(report) {
-                Some(name) => fields.push(Field { name, value: self.piece(&text, value) }),
-                None => {
-                    report.error(key.span, "syntax", "a name here is written in quotation marks");
-                }
-            }
+            let name = key.string(report).unwrap_or_else(|| {
+                let text = report.sources.text(key.span).to_owned();
+                report
+                    .error(key.span, "syntax", "a name here is written in quotation marks")
+                    .hint(format!("write \"{text}\""));
+                Name { text, span: key.span }
+            });
+            fields.push(Field { name, value: self.piece(&text, value) });
         }
         Some(fields)
     }
@@ -204,10 +193,7 @@ pub fn string(text: &str) -> Option<String> {
     ron::Options::default().from_str(text).ok()
 }
 
-fn run<'a, T>(
-    text: &'a str,
-    parse: impl FnOnce(&mut ron::Deserializer<'a>) -> Result<T, ron::Error>,
-) -> Option<T> {
+fn run<'a, T>(text: &'a str, parse: impl FnOnce(&mut ron::Deserializer<'a>) -> Result<T, ron::Error>) -> Option<T> {
     let mut d = ron::Deserializer::from_str_with_options(text, &ron_options()).ok()?;
     let value = parse(&mut d).ok()?;
     d.end().ok()?;

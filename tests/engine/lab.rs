@@ -171,12 +171,7 @@ impl Graph {
     }
 
     pub fn read(&mut self, name: &str, path: &Path) -> NodeIndex {
-        self.call(
-            name,
-            &crate::toy::Read,
-            &[("path", &format!("{:?}", path.display().to_string()))],
-            &[],
-        )
+        self.call(name, &crate::toy::Read, &[("path", &format!("{:?}", path.display().to_string()))], &[])
     }
 
     pub fn show(mut self, names: &[&str]) -> Self {

@@ -100,9 +100,7 @@ impl World {
                     let x = f64::from(self.numbers[file]);
                     (format!("read {x}"), vec![x, 1.5])
                 }
-                Node::Scale(_, factor) => {
-                    (format!("scale {factor}"), map(&|x| x * f64::from(factor)))
-                }
+                Node::Scale(_, factor) => (format!("scale {factor}"), map(&|x| x * f64::from(factor))),
                 Node::Sign(_) => ("sign".into(), map(&f64::signum)),
                 Node::Wide(_) => ("wide".into(), map(&|x| x * x / 3.0)),
                 Node::Sum(..) => ("sum".into(), vec![inputs.iter().flatten().sum::<f64>() + 0.0]),
@@ -119,20 +117,13 @@ impl World {
             let name = format!("n{i}");
             let inputs: Vec<_> = self.inputs(i).into_iter().map(|x| calls[x]).collect();
             calls.push(match node {
-                Node::Read(file) => {
-                    graph.read(&name, &self.lab.dir.path().join(format!("{file}.txt")))
+                Node::Read(file) => graph.read(&name, &self.lab.dir.path().join(format!("{file}.txt"))),
+                Node::Scale(_, factor) => {
+                    graph.call(&name, &Scale::<1>, &[("factor", &factor.to_string())], &[("x", inputs[0])])
                 }
-                Node::Scale(_, factor) => graph.call(
-                    &name,
-                    &Scale::<1>,
-                    &[("factor", &factor.to_string())],
-                    &[("x", inputs[0])],
-                ),
                 Node::Sign(_) => graph.call(&name, &Sign, &[], &[("x", inputs[0])]),
                 Node::Wide(_) => graph.call(&name, &Wide, &[], &[("x", inputs[0])]),
-                Node::Sum(..) => {
-                    graph.call(&name, &Sum, &[], &[("terms", inputs[0]), ("terms", inputs[1])])
-                }
+                Node::Sum(..) => graph.call(&name, &Sum, &[], &[("terms", inputs[0]), ("terms", inputs[1])]),
             });
         }
         graph.show(&[&format!("n{}", self.show)])
@@ -174,14 +165,12 @@ impl World {
     fn check(&mut self) {
         let (graph, expected) = (self.graph(), self.oracle());
         let ran = self.lab.run(&graph);
+        assert!(ran.outcome.complete(), "{:?} {:?}", ran.events, ran.outcome.states);
         assert!(ran.failures().is_empty() && ran.skipped().is_empty(), "{:?}", ran.events);
         assert_eq!(ran.values[&format!("n{}", self.show)], expected[&self.show].0);
         let computations: BTreeSet<_> = expected.values().map(|(_, name)| name.clone()).collect();
-        let executed: Vec<_> = ran
-            .executed
-            .iter()
-            .map(|name| expected[&name[1..].parse::<usize>().unwrap()].1.clone())
-            .collect();
+        let executed: Vec<_> =
+            ran.executed.iter().map(|name| expected[&name[1..].parse::<usize>().unwrap()].1.clone()).collect();
         if !self.damaged {
             let new: Vec<_> = computations.difference(&self.seen).cloned().collect();
             let mut executed = executed.clone();

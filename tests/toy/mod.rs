@@ -5,15 +5,14 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use salient_sdk::{
-    AnyNode, Artefact, Context, Decoder, Defect, DefectKind, Encoder, FileParam, FormatError,
-    Inputs, Mesh, Node, NodeError, Port, PortValues, Table,
+    AnyNode, Artefact, Context, Decoder, Defect, DefectKind, Encoder, FileParam, FormatError, Inputs, Mesh, Node,
+    NodeError, Port, PortValues, Table,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-pub static NODES: &[&dyn AnyNode] =
-    &[&Read, &Scale::<1>, &Sign, &Sum, &Fail, &Panics, &Slow, &Bad, &Wide, &Triangle];
+pub static NODES: &[&dyn AnyNode] = &[&Read, &Scale::<1>, &Sign, &Sum, &Fail, &Panics, &Slow, &Bad, &Wide, &Triangle];
 
 /// Some numbers.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -163,9 +162,7 @@ node!(Sum, "sum", "Adds everything up.", None, Terms, |_, i, _| {
     Ok(numbers(vec![i.terms.iter().flat_map(|(_, x)| &x.values).sum()]))
 });
 
-node!(Fail, "fail", "Fails.", None, X, |_, _, _| {
-    Err(NodeError::new("it is the wrong number").help("use another"))
-});
+node!(Fail, "fail", "Fails.", None, X, |_, _, _| { Err(NodeError::new("it is the wrong number").help("use another")) });
 
 node!(Panics, "panics", "Panics.", None, X, |_, i, _| panic!("index {} is bad", i.x.values.len()));
 

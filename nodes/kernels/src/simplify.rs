@@ -158,11 +158,7 @@ impl Decimation {
                     let wall = cross(along, unit);
                     let length = norm(wall);
                     if length > 0.0 {
-                        let plane = Quadric::plane(
-                            scale(wall, 1.0 / length),
-                            p,
-                            BOUNDARY * length * length,
-                        );
+                        let plane = Quadric::plane(scale(wall, 1.0 / length), p, BOUNDARY * length * length);
                         for w in [u, v] {
                             quadrics[w as usize] = quadrics[w as usize].sum(&plane);
                         }

@@ -33,11 +33,7 @@ impl Surgery {
                 }
             }
         }
-        Self {
-            faces: faces.to_vec(),
-            alive,
-            star,
-        }
+        Self { faces: faces.to_vec(), alive, star }
     }
 
     /// The faces at edge `ab`, by ascending number.
@@ -57,9 +53,7 @@ impl Surgery {
 
     /// The neighbours of `v`, ascending, and whether some edge at `v` has one face only.
     pub(crate) fn ring(&self, v: u32) -> (Vec<u32>, bool) {
-        let star = self.star[v as usize]
-            .iter()
-            .flat_map(|&f| self.faces[f as usize]);
+        let star = self.star[v as usize].iter().flat_map(|&f| self.faces[f as usize]);
         let mut ring: Vec<u32> = star.filter(|&w| w != v).collect();
         ring.sort_unstable();
         let boundary = ring.chunk_by(|a, b| a == b).any(|run| run.len() == 1);
@@ -89,10 +83,7 @@ impl Surgery {
         }
         let mut far: Vec<u32> = sides.iter().map(|s| s.far).collect();
         far.sort_unstable();
-        let common: Vec<u32> = ring_a
-            .into_iter()
-            .filter(|v| ring_b.binary_search(v).is_ok())
-            .collect();
+        let common: Vec<u32> = ring_a.into_iter().filter(|v| ring_b.binary_search(v).is_ok()).collect();
         if common != far {
             return false;
         }
@@ -108,10 +99,7 @@ impl Surgery {
             return false;
         }
         // A lone boundary triangle, or one hanging by a corner, must not vanish into an edge.
-        sides.len() == 2
-            || sides
-                .iter()
-                .all(|s| self.sides(a, s.far).len() + self.sides(b, s.far).len() > 2)
+        sides.len() == 2 || sides.iter().all(|s| self.sides(a, s.far).len() + self.sides(b, s.far).len() > 2)
     }
 
     /// Collapses `b` into `a`. The caller has asked [`Self::can_collapse`].
@@ -139,8 +127,7 @@ impl Surgery {
             let corners = self.faces[face as usize];
             let added = self.faces.len() as u32;
             self.faces[face as usize] = corners.map(|v| if v == b { middle } else { v });
-            self.faces
-                .push(corners.map(|v| if v == a { middle } else { v }));
+            self.faces.push(corners.map(|v| if v == a { middle } else { v }));
             self.alive.push(true);
             self.star[b as usize].retain(|&f| f != face);
             for v in self.faces[added as usize] {
@@ -157,16 +144,12 @@ impl Surgery {
             return false;
         };
         let (p, q) = (left.far, right.far);
-        if p == q
-            || !self.sides(p, q).is_empty()
-            || self.star[a as usize].len() < 4
-            || self.star[b as usize].len() < 4
+        if p == q || !self.sides(p, q).is_empty() || self.star[a as usize].len() < 4 || self.star[b as usize].len() < 4
         {
             return false;
         }
         // `left` keeps a, `right` keeps b; each takes the other's far corner in place of its lost one.
-        let put =
-            |corners: [u32; 3], old: u32, new: u32| corners.map(|v| if v == old { new } else { v });
+        let put = |corners: [u32; 3], old: u32, new: u32| corners.map(|v| if v == old { new } else { v });
         self.faces[left.face as usize] = put(self.faces[left.face as usize], b, q);
         self.faces[right.face as usize] = put(self.faces[right.face as usize], a, p);
         self.star[b as usize].retain(|&f| f != left.face);
@@ -198,14 +181,8 @@ impl Surgery {
             let (p, q) = (points[p as usize], points[q as usize]);
             let (old, new) = (normal(points[v as usize], p, q), normal(to, p, q));
             let shape = |apex: [f64; 3], doubled: [f64; 3]| {
-                let longest2 = distance2(apex, p)
-                    .max(distance2(p, q))
-                    .max(distance2(q, apex));
-                if longest2 > 0.0 {
-                    norm(doubled) / longest2
-                } else {
-                    0.0
-                }
+                let longest2 = distance2(apex, p).max(distance2(p, q)).max(distance2(q, apex));
+                if longest2 > 0.0 { norm(doubled) / longest2 } else { 0.0 }
             };
             let was = shape(points[v as usize], old);
             // A face that was flat had no direction worth keeping.
@@ -216,38 +193,23 @@ impl Surgery {
 
     /// The live edges, lower end first, ascending.
     pub(crate) fn edges(&self) -> Vec<[u32; 2]> {
-        let live = self
-            .faces
-            .iter()
-            .zip(&self.alive)
-            .filter(|(_, alive)| **alive);
+        let live = self.faces.iter().zip(&self.alive).filter(|(_, alive)| **alive);
         // Packed into one word each, they sort faster.
         let pack = |a: u32, b: u32| u64::from(a.min(b)) << 32 | u64::from(a.max(b));
-        let mut edges: Vec<u64> = live
-            .flat_map(|(&[a, b, c], _)| [pack(a, b), pack(b, c), pack(c, a)])
-            .collect();
+        let mut edges: Vec<u64> = live.flat_map(|(&[a, b, c], _)| [pack(a, b), pack(b, c), pack(c, a)]).collect();
         edges.sort_unstable();
         edges.dedup();
-        edges
-            .into_iter()
-            .map(|e| [(e >> 32) as u32, e as u32])
-            .collect()
+        edges.into_iter().map(|e| [(e >> 32) as u32, e as u32]).collect()
     }
 
     /// The live vertices, ascending, and the live faces over their new numbers.
     pub(crate) fn finish(&self) -> (Vec<u32>, Vec<[u32; 3]>) {
-        let kept: Vec<u32> = (0..self.star.len() as u32)
-            .filter(|&v| !self.star[v as usize].is_empty())
-            .collect();
+        let kept: Vec<u32> = (0..self.star.len() as u32).filter(|&v| !self.star[v as usize].is_empty()).collect();
         let mut new_of = vec![u32::MAX; self.star.len()];
         for (new, &old) in kept.iter().enumerate() {
             new_of[old as usize] = new as u32;
         }
-        let live = self
-            .faces
-            .iter()
-            .zip(&self.alive)
-            .filter(|(_, alive)| **alive);
+        let live = self.faces.iter().zip(&self.alive).filter(|(_, alive)| **alive);
         let faces = live.map(|(f, _)| f.map(|v| new_of[v as usize])).collect();
         (kept, faces)
     }

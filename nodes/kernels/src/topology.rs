@@ -75,11 +75,7 @@ pub fn components(vertex_count: usize, faces: &[[u32; 3]]) -> Result<Components,
     for f in faces {
         per_face[label[f[0] as usize] as usize] += 1;
     }
-    Ok(Components {
-        label,
-        vertices,
-        faces: per_face,
-    })
+    Ok(Components { label, vertices, faces: per_face })
 }
 
 /// What keeps a mesh from being a clean closed surface, item by item.

@@ -1,10 +1,7 @@
 //! Time and gap on problems made like the matcher's: planar features, noise, a common part, candidates pruned by descriptor.
 //! `cargo test --release -p salient-kernels --test assignment_measure -- --ignored --nocapture`
 
-#![expect(
-    clippy::unwrap_used,
-    reason = "a test file outside any test function's scope"
-)]
+#![expect(clippy::unwrap_used, reason = "a test file outside any test function's scope")]
 
 use salient_kernels::assignment::{Control, Limits, Problem, ProblemBuilder, Progress, solve};
 use std::cell::Cell;
@@ -31,10 +28,7 @@ fn planar(n: usize, width: usize, s: f64, floor: f64, shift: f64, seed: u64) -> 
     let right: Vec<(f64, f64)> = (0..n)
         .map(|k| {
             if k < common {
-                (
-                    left[k].0 + 0.05 * (2.0 * r.unit() - 1.0),
-                    left[k].1 + 0.05 * (2.0 * r.unit() - 1.0),
-                )
+                (left[k].0 + 0.05 * (2.0 * r.unit() - 1.0), left[k].1 + 0.05 * (2.0 * r.unit() - 1.0))
             } else {
                 (r.unit(), r.unit())
             }
@@ -44,9 +38,8 @@ fn planar(n: usize, width: usize, s: f64, floor: f64, shift: f64, seed: u64) -> 
     let mut b = ProblemBuilder::new(n, n);
     let mut pairs = Vec::new();
     for i in 0..n {
-        let mut ranked: Vec<(f64, usize)> = (0..n)
-            .map(|j| (r.unit() * if i == j && i < common { 0.05 } else { 1.0 }, j))
-            .collect();
+        let mut ranked: Vec<(f64, usize)> =
+            (0..n).map(|j| (r.unit() * if i == j && i < common { 0.05 } else { 1.0 }, j)).collect();
         ranked.sort_by(|x, y| x.0.total_cmp(&y.0));
         for &(d, j) in &ranked[..width.min(n)] {
             b.candidate(i, j, (-d * 4.0).exp()).unwrap();
@@ -73,10 +66,7 @@ fn planar(n: usize, width: usize, s: f64, floor: f64, shift: f64, seed: u64) -> 
 fn measure() {
     let get = |name: &str, default: &str| std::env::var(name).unwrap_or_else(|_| default.into());
     let list = |name: &str, default: &str| {
-        get(name, default)
-            .split(',')
-            .map(|v| v.parse::<f64>().unwrap())
-            .collect::<Vec<_>>()
+        get(name, default).split(',').map(|v| v.parse::<f64>().unwrap()).collect::<Vec<_>>()
     };
     for n in list("N", "20,40,50,80") {
         for sigma in list("SIGMA", "0.05,0.1,0.2") {
@@ -95,8 +85,7 @@ fn measure() {
                     node_sweeps: list("SWEEPS", "8")[0] as usize,
                     ..Limits::default()
                 };
-                let (start, best, at) =
-                    (Instant::now(), Cell::new(f64::NEG_INFINITY), Cell::new(0.0));
+                let (start, best, at) = (Instant::now(), Cell::new(f64::NEG_INFINITY), Cell::new(0.0));
                 let (root_at, quit) = (Cell::new(0.0), list("QUIT", "60")[0]);
                 let progress = |s: &Progress| {
                     let now = start.elapsed().as_secs_f64();
@@ -108,15 +97,7 @@ fn measure() {
                     }
                 };
                 let stop = || start.elapsed().as_secs_f64() > quit;
-                let s = solve(
-                    &p,
-                    &limits,
-                    &Control {
-                        stop: &stop,
-                        progress: &progress,
-                    },
-                )
-                .unwrap();
+                let s = solve(&p, &limits, &Control { stop: &stop, progress: &progress }).unwrap();
                 println!(
                     "n {n} sigma {sigma}: objective {:.4} (heuristic {:.4}) root gap {:.2}% gap {:.2}% {:?} nodes {} root {:.2} s best {:.2} s total {:.2} s",
                     s.objective,

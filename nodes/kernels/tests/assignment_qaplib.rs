@@ -2,10 +2,7 @@
 //! or from a directory above it).
 
 #![expect(clippy::float_cmp, reason = "exact equality is what is claimed")]
-#![expect(
-    clippy::unwrap_used,
-    reason = "a test file outside any test function's scope"
-)]
+#![expect(clippy::unwrap_used, reason = "a test file outside any test function's scope")]
 
 use salient_kernels::assignment::{Control, Limits, Problem, Solution, solve};
 use std::path::{Path, PathBuf};
@@ -13,11 +10,7 @@ use std::time::Instant;
 
 fn data() -> Option<PathBuf> {
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2)?;
-    let found = workspace
-        .ancestors()
-        .skip(1)
-        .map(|up| up.join("shared/data/qaplib"))
-        .find(|p| p.is_dir());
+    let found = workspace.ancestors().skip(1).map(|up| up.join("shared/data/qaplib")).find(|p| p.is_dir());
     if found.is_none() {
         println!("SKIPPED: no ../shared/data/qaplib beside the workspace");
     }
@@ -26,9 +19,7 @@ fn data() -> Option<PathBuf> {
 
 fn numbers(path: &Path) -> Vec<f64> {
     let text = std::fs::read_to_string(path).unwrap();
-    text.split_whitespace()
-        .map(|word| word.parse().unwrap())
-        .collect()
+    text.split_whitespace().map(|word| word.parse().unwrap()).collect()
 }
 
 fn load(root: &Path, name: &str) -> (Problem, f64) {
@@ -58,18 +49,8 @@ fn run(root: &Path, name: &str, limits: &Limits) -> (Solution, f64) {
 #[test]
 fn known_optima_are_found_and_never_excluded() {
     let Some(root) = data() else { return };
-    for name in [
-        "chr12a", "chr12b", "chr12c", "had12", "nug12", "tai12a", "rou12", "scr12",
-    ] {
-        let (s, optimum) = run(
-            &root,
-            name,
-            &Limits {
-                node_limit: 1,
-                root_sweeps: 30,
-                ..Limits::default()
-            },
-        );
+    for name in ["chr12a", "chr12b", "chr12c", "had12", "nug12", "tai12a", "rou12", "scr12"] {
+        let (s, optimum) = run(&root, name, &Limits { node_limit: 1, root_sweeps: 30, ..Limits::default() });
         assert_eq!(-s.objective, optimum, "{name}");
         assert!(-s.upper_bound <= optimum, "{name}");
     }
@@ -79,20 +60,8 @@ fn known_optima_are_found_and_never_excluded() {
 fn known_optima_are_proved() {
     let Some(root) = data() else { return };
     for name in ["chr12a", "chr12b", "chr12c", "scr12"] {
-        let (s, optimum) = run(
-            &root,
-            name,
-            &Limits {
-                node_limit: 100_000,
-                starts: 1,
-                ..Limits::default()
-            },
-        );
-        assert_eq!(
-            (-s.objective, -s.upper_bound, s.proved),
-            (optimum, optimum, true),
-            "{name}"
-        );
+        let (s, optimum) = run(&root, name, &Limits { node_limit: 100_000, starts: 1, ..Limits::default() });
+        assert_eq!((-s.objective, -s.upper_bound, s.proved), (optimum, optimum, true), "{name}");
     }
 }
 
@@ -100,21 +69,11 @@ fn known_optima_are_proved() {
 #[ignore = "a measurement: run in release with --nocapture; QAPLIB=name,... chooses"]
 fn measure() {
     let Some(root) = data() else { return };
-    let chosen = std::env::var("QAPLIB").unwrap_or_else(|_| {
-        "chr12a,chr12b,chr12c,had12,nug12,tai12a,rou12,scr12,chr15a,scr15".into()
-    });
+    let chosen = std::env::var("QAPLIB")
+        .unwrap_or_else(|_| "chr12a,chr12b,chr12c,had12,nug12,tai12a,rou12,scr12,chr15a,scr15".into());
     let node_limit = std::env::var("NODES").map_or(200_000, |n| n.parse().unwrap());
-    let node_sweeps =
-        std::env::var("SWEEPS").map_or(Limits::default().node_sweeps, |n| n.parse().unwrap());
+    let node_sweeps = std::env::var("SWEEPS").map_or(Limits::default().node_sweeps, |n| n.parse().unwrap());
     for name in chosen.split(',') {
-        run(
-            &root,
-            name,
-            &Limits {
-                node_limit,
-                node_sweeps,
-                ..Limits::default()
-            },
-        );
+        run(&root, name, &Limits { node_limit, node_sweeps, ..Limits::default() });
     }
 }

@@ -6,8 +6,7 @@ mod geom;
 
 use geom::Random;
 use salient_kernels::creature::{
-    Creature, CreatureError, CreatureParams, RestSurface, Species, correspondence, generate,
-    mirror_twins,
+    Creature, CreatureError, CreatureParams, RestSurface, Species, correspondence, generate, mirror_twins,
 };
 use salient_kernels::geodesic::{Dijkstra, Graph, Metric};
 use salient_kernels::topology::{census, surface_area};
@@ -22,15 +21,7 @@ fn made(species: Species, seed: u64, pose: u32) -> Arc<Creature> {
     if let Some(found) = MADE.lock().unwrap().get(&key) {
         return found.clone();
     }
-    let creature = Arc::new(
-        generate(&CreatureParams {
-            species,
-            seed,
-            pose,
-            ..Default::default()
-        })
-        .unwrap(),
-    );
+    let creature = Arc::new(generate(&CreatureParams { species, seed, pose, ..Default::default() }).unwrap());
     MADE.lock().unwrap().insert(key, creature.clone());
     creature
 }
@@ -48,10 +39,7 @@ fn distance(p: [f64; 3], q: [f64; 3]) -> f64 {
 fn least_angle(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> f64 {
     let angle = |[a, b, c]: [[f64; 3]; 3]| {
         let (x, y, z) = (distance(a, b), distance(a, c), distance(b, c));
-        ((x * x + y * y - z * z) / (2.0 * x * y))
-            .clamp(-1.0, 1.0)
-            .acos()
-            .to_degrees()
+        ((x * x + y * y - z * z) / (2.0 * x * y)).clamp(-1.0, 1.0).acos().to_degrees()
     };
     let corners = faces.iter().flat_map(|f| {
         let [a, b, c] = f.map(|v| vertices[v as usize]);
@@ -64,8 +52,7 @@ fn least_angle(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> f64 {
 fn volume(creature: &Creature) -> f64 {
     let sixth = |f: &[u32; 3]| {
         let [p, q, r] = f.map(|v| creature.vertices[v as usize]);
-        p[0] * (q[1] * r[2] - q[2] * r[1]) - p[1] * (q[0] * r[2] - q[2] * r[0])
-            + p[2] * (q[0] * r[1] - q[1] * r[0])
+        p[0] * (q[1] * r[2] - q[2] * r[1]) - p[1] * (q[0] * r[2] - q[2] * r[0]) + p[2] * (q[0] * r[1] - q[1] * r[0])
     };
     creature.faces.iter().map(sixth).sum::<f64>() / 6.0
 }
@@ -73,8 +60,7 @@ fn volume(creature: &Creature) -> f64 {
 #[test]
 fn every_pose_of_every_species_is_a_well_shaped_sphere() {
     for species in Species::ALL {
-        let surface: Vec<RestSurface> =
-            (0..3).map(|seed| RestSurface::new(species, seed)).collect();
+        let surface: Vec<RestSurface> = (0..3).map(|seed| RestSurface::new(species, seed)).collect();
         for pose in 0..6 {
             let seed = seed_of(pose);
             let creature = made(species, seed, pose);
@@ -85,12 +71,7 @@ fn every_pose_of_every_species_is_a_well_shaped_sphere() {
             let least = least_angle(&creature.vertices, &creature.faces);
             assert!(least > 18.0, "{species:?} {pose}: {least}");
             // The ground truth lies on the rest surface.
-            assert!(
-                creature
-                    .rest
-                    .iter()
-                    .all(|&p| surface[seed as usize].level(p).abs() < 1e-9)
-            );
+            assert!(creature.rest.iter().all(|&p| surface[seed as usize].level(p).abs() < 1e-9));
         }
     }
 }
@@ -98,63 +79,31 @@ fn every_pose_of_every_species_is_a_well_shaped_sphere() {
 #[test]
 fn many_poses_seeds_and_resolutions_come_out() {
     let mut random = Random(1);
-    for (k, vertices) in [400, 700, 1000, 1500, 3000, 400, 700, 1000, 1500, 3000]
-        .into_iter()
-        .enumerate()
-    {
+    for (k, vertices) in [400, 700, 1000, 1500, 3000, 400, 700, 1000, 1500, 3000].into_iter().enumerate() {
         let species = Species::ALL[(k + k / 5) % 5];
         let (seed, pose) = (random.below(1000) as u64, random.below(1000) as u32);
-        let creature = generate(&CreatureParams {
-            species,
-            seed,
-            pose,
-            vertices,
-            triangulation: 5,
-        })
-        .unwrap();
+        let creature = generate(&CreatureParams { species, seed, pose, vertices, triangulation: 5 }).unwrap();
         let found = census(&creature.vertices, &creature.faces).unwrap();
         assert!(found.is_closed_manifold() && found.euler == [2]);
         let off = creature.vertices.len().abs_diff(vertices);
-        assert!(
-            off * 50 <= vertices,
-            "{species:?} {vertices}: {}",
-            creature.vertices.len()
-        );
+        assert!(off * 50 <= vertices, "{species:?} {vertices}: {}", creature.vertices.len());
     }
     for vertices in [0, 399, 1 << 40] {
-        let refused = generate(&CreatureParams {
-            vertices,
-            ..Default::default()
-        })
-        .unwrap_err();
+        let refused = generate(&CreatureParams { vertices, ..Default::default() }).unwrap_err();
         assert_eq!(refused, CreatureError::VertexCount(vertices));
     }
 }
 
 #[test]
 fn the_same_parameters_give_the_same_bits_and_others_do_not() {
-    let params = CreatureParams {
-        pose: 3,
-        vertices: 800,
-        ..Default::default()
-    };
+    let params = CreatureParams { pose: 3, vertices: 800, ..Default::default() };
     let one = generate(&params).unwrap();
     assert_eq!(one, generate(&params).unwrap());
     // Another pose and another grid give other triangulations: no rest point in common, other faces.
-    for other in [
-        CreatureParams { pose: 4, ..params },
-        CreatureParams {
-            triangulation: 1,
-            ..params
-        },
-    ] {
+    for other in [CreatureParams { pose: 4, ..params }, CreatureParams { triangulation: 1, ..params }] {
         let other = generate(&other).unwrap();
         assert_ne!(one.faces, other.faces);
-        let shared = one
-            .rest
-            .iter()
-            .filter(|p| other.rest.iter().any(|q| distance(**p, *q) < 1e-6))
-            .count();
+        let shared = one.rest.iter().filter(|p| other.rest.iter().any(|q| distance(**p, *q) < 1e-6)).count();
         assert_eq!(shared, 0);
     }
     // Seeds change the proportions, and little enough to stay of one kind.
@@ -164,10 +113,7 @@ fn the_same_parameters_give_the_same_bits_and_others_do_not() {
         .collect();
     for pair in areas.windows(2) {
         let ratio = pair[0] / pair[1];
-        assert!(
-            (ratio - 1.0).abs() > 1e-4 && (0.7..1.4).contains(&ratio),
-            "{areas:?}"
-        );
+        assert!((ratio - 1.0).abs() > 1e-4 && (0.7..1.4).contains(&ratio), "{areas:?}");
     }
 }
 
@@ -177,14 +123,9 @@ fn rest_is_rest_and_symmetric() {
     for species in Species::ALL {
         let surface = RestSurface::new(species, 1);
         for _ in 0..500 {
-            let p = [
-                random.next() - 0.5,
-                1.5 * random.next(),
-                2.0 * random.next() - 1.0,
-            ];
+            let p = [random.next() - 0.5, 1.5 * random.next(), 2.0 * random.next() - 1.0];
             assert!(
-                (surface.level(p) - surface.level([-p[0], p[1], p[2]])).abs()
-                    < 1e-9 * (1.0 + surface.level(p).abs())
+                (surface.level(p) - surface.level([-p[0], p[1], p[2]])).abs() < 1e-9 * (1.0 + surface.level(p).abs())
             );
         }
         let creature = made(species, 1, 0);
@@ -197,24 +138,12 @@ fn rest_is_rest_and_symmetric() {
         for (v, &t) in twins.iter().enumerate() {
             let [x, y, z] = creature.rest[v];
             assert!(distance(creature.rest[t as usize], [-x, y, z]) < spacing);
-            assert!(
-                distance(creature.rest[twins[t as usize] as usize], creature.rest[v])
-                    < 2.0 * spacing
-            );
+            assert!(distance(creature.rest[twins[t as usize] as usize], creature.rest[v]) < 2.0 * spacing);
         }
-        let named = |name: &str| {
-            creature
-                .landmarks
-                .iter()
-                .find(|l| l.0 == name)
-                .map(|l| creature.rest[l.1 as usize])
-        };
+        let named = |name: &str| creature.landmarks.iter().find(|l| l.0 == name).map(|l| creature.rest[l.1 as usize]);
         let (left, right) = (named("hind paw +x").unwrap(), named("hind paw -x").unwrap());
         assert!(distance(left, [-right[0], right[1], right[2]]) < 2.0 * spacing && left[0] > 0.05);
-        assert!(
-            named("nose").unwrap()[2] > named("back").unwrap()[2]
-                && named("tail").unwrap()[2] < -0.4
-        );
+        assert!(named("nose").unwrap()[2] > named("back").unwrap()[2] && named("tail").unwrap()[2] < -0.4);
     }
 }
 
@@ -247,8 +176,7 @@ fn the_map_between_poses_is_continuous_and_keeps_areas() {
             // Edges are not torn: the map from rest to pose is near-isometric edge by edge.
             for k in 0..3 {
                 let (a, b) = (f[k] as usize, f[(k + 1) % 3] as usize);
-                let stretch = distance(pose.vertices[a], pose.vertices[b])
-                    / distance(pose.rest[a], pose.rest[b]);
+                let stretch = distance(pose.vertices[a], pose.vertices[b]) / distance(pose.rest[a], pose.rest[b]);
                 assert!((0.4..2.0).contains(&stretch), "{species:?}: {stretch}");
             }
             let (at_rest, posed) = (size(&pose.rest, f), size(&pose.vertices, f));
@@ -302,10 +230,7 @@ fn geodesic_distances_survive_the_pose() {
             }
             let mean = sum / f64::from(count);
             println!("{species:?} pose {pose}: {count} pairs, mean {mean:.3}, worst {worst:.3}");
-            assert!(
-                count > 60 && worst < 0.15 && mean < 0.055,
-                "{species:?} pose {pose}: mean {mean} worst {worst}"
-            );
+            assert!(count > 60 && worst < 0.15 && mean < 0.055, "{species:?} pose {pose}: mean {mean} worst {worst}");
         }
     }
 }
@@ -321,10 +246,6 @@ fn poses_move_what_they_should() {
             .map(|(i, j)| distance(at(i), at(j)))
             .collect::<Vec<_>>()
     };
-    let changed = spread(&rest)
-        .iter()
-        .zip(spread(&pose))
-        .filter(|(a, b)| (*a / b - 1.0).abs() > 0.1)
-        .count();
+    let changed = spread(&rest).iter().zip(spread(&pose)).filter(|(a, b)| (*a / b - 1.0).abs() > 0.1).count();
     assert!(changed > 10, "{changed}");
 }

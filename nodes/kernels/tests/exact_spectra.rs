@@ -19,10 +19,7 @@ fn sphere_multiplets_converge_at_second_order() {
             .map(|l: usize| {
                 let exact = (l * (l + 1)) as f64;
                 let multiplet = &pairs.values[l * l..(l + 1) * (l + 1)];
-                multiplet
-                    .iter()
-                    .map(|v| (v / exact - 1.0).abs())
-                    .fold(0.0, f64::max)
+                multiplet.iter().map(|v| (v / exact - 1.0).abs()).fold(0.0, f64::max)
             })
             .collect()
     };
@@ -31,11 +28,7 @@ fn sphere_multiplets_converge_at_second_order() {
         let order = (coarse / fine).log2();
         // Degree 1 does better: coordinates are eigenfunctions of the polyhedron itself, nearly.
         let best = if l == 0 { 4.2 } else { 2.2 };
-        assert!(
-            (1.8..best).contains(&order),
-            "degree {}: errors {coarse:e} {fine:e}, order {order}",
-            l + 1
-        );
+        assert!((1.8..best).contains(&order), "degree {}: errors {coarse:e} {fine:e}, order {order}", l + 1);
     }
     // 2562 vertices have edges of about 0.075: errors of order l (l + 1) h^2 / 12.
     assert!(fine[0] < 1e-6 && fine[4] < 2e-2, "{fine:?}");
@@ -64,10 +57,7 @@ fn a_cut_through_a_multiplet_is_certified_above_it() {
         assert_certified(&operator, &pairs, 1e-8);
         let more = eigenpairs(&operator, 16, &sparse(), &()).expect("certified");
         assert_close(&pairs.values, &more.values[..k], 1e-11);
-        let complete = [1, 4, 9, 16]
-            .into_iter()
-            .find(|c| *c >= k)
-            .expect("in range");
+        let complete = [1, 4, 9, 16].into_iter().find(|c| *c >= k).expect("in range");
         assert_eq!(pairs.certificate.found, complete, "k = {k}");
         assert!(pairs.certificate.gap_above.expect("there is more") < 1e-2);
     }
@@ -77,11 +67,7 @@ fn a_cut_through_a_multiplet_is_certified_above_it() {
 
 #[test]
 fn flat_tori_are_exact_with_all_multiplicities() {
-    for (p, q, hx, hy, k) in [
-        (30, 30, 0.1, 0.1, 60),
-        (40, 12, 0.05, 0.3, 45),
-        (24, 24, 1.0, 1.0, 57),
-    ] {
+    for (p, q, hx, hy, k) in [(30, 30, 0.1, 0.1, 60), (40, 12, 0.05, 0.3, 45), (24, 24, 1.0, 1.0, 57)] {
         let operator = flat_torus(p, q, hx, hy);
         let pairs = eigenpairs(&operator, k, &sparse(), &()).expect("certified");
         assert_certified(&operator, &pairs, 1e-8);
@@ -105,20 +91,14 @@ fn rectangles_are_exact() {
     let operator = operator(&tensor_grid(&uniform(p, 2.0), &uniform(q, 1.0), |_, _| 0.0));
     let pairs = eigenpairs(&operator, 50, &sparse(), &()).expect("certified");
     assert_certified(&operator, &pairs, 1e-8);
-    assert_close(
-        &pairs.values,
-        &rectangle_values(p, q, 2.0 / p as f64, 1.0 / q as f64, false)[..50],
-        1e-11,
-    );
+    assert_close(&pairs.values, &rectangle_values(p, q, 2.0 / p as f64, 1.0 / q as f64, false)[..50], 1e-11);
 }
 
 /// Eigenvalues of the free interval with lumped masses on the given nodes.
 fn interval_values(x: &[f64]) -> Vec<f64> {
     let n = x.len();
     let step = |i: usize| x[i + 1] - x[i];
-    let mass = |i: usize| {
-        0.5 * (if i > 0 { step(i - 1) } else { 0.0 } + if i + 1 < n { step(i) } else { 0.0 })
-    };
+    let mass = |i: usize| 0.5 * (if i > 0 { step(i - 1) } else { 0.0 } + if i + 1 < n { step(i) } else { 0.0 });
     let mut a = vec![vec![0.0; n]; n];
     for i in 0..n - 1 {
         let w = 1.0 / step(i);
@@ -139,10 +119,7 @@ fn slivers_of_aspect_one_million() {
     let y = uniform(20, 0.9);
     let operator = operator(&tensor_grid(&x, &y, |_, _| 0.0));
     let (along, across) = (interval_values(&x), interval_values(&y));
-    let mut expected: Vec<f64> = along
-        .iter()
-        .flat_map(|a| across.iter().map(move |b| a + b))
-        .collect();
+    let mut expected: Vec<f64> = along.iter().flat_map(|a| across.iter().map(move |b| a + b)).collect();
     expected.sort_by(f64::total_cmp);
     for options in [sparse(), dense()] {
         let pairs = eigenpairs(&operator, 40, &options, &()).expect("certified");
@@ -167,19 +144,11 @@ fn components_each_have_a_zero_and_identical_ones_all_copies() {
     assert_certified(&all, &pairs, 1e-8);
     let expected: Vec<f64> = one.values.iter().flat_map(|v| [*v; 9]).collect();
     assert_close(&pairs.values, &expected[..60], 1e-10);
-    assert!(
-        pairs.certificate.rounds > 1,
-        "a block of 8 cannot find 27 copies at once"
-    );
+    assert!(pairs.certificate.rounds > 1, "a block of 8 cannot find 27 copies at once");
     for component in 0..9 {
         let v = pairs.vector(component);
         let inside = 42 * component..42 * (component + 1);
-        assert!(
-            v.iter()
-                .enumerate()
-                .all(|(i, x)| (*x > 0.0) == inside.contains(&i)),
-            "indicator {component}"
-        );
+        assert!(v.iter().enumerate().all(|(i, x)| (*x > 0.0) == inside.contains(&i)), "indicator {component}");
         let level = 1.0 / (all.area() / 9.0).sqrt();
         assert!(v[inside].iter().all(|x| (x - level).abs() < 1e-12 * level));
     }
@@ -194,20 +163,10 @@ fn a_multiplet_far_wider_than_the_pairs_computed() {
         mesh = union(&mesh, &icosphere(0));
     }
     let all = operator(&mesh);
-    for (k, complete) in [
-        (20, 40),
-        (40, 40),
-        (41, 160),
-        (130, 160),
-        (161, 360),
-        (365, 480),
-    ] {
+    for (k, complete) in [(20, 40), (40, 40), (41, 160), (130, 160), (161, 360), (365, 480)] {
         let pairs = eigenpairs(&all, k, &sparse(), &()).expect("certified");
         assert_certified(&all, &pairs, 1e-8);
         assert_eq!(pairs.certificate.found, complete, "k = {k}");
-        assert_eq!(
-            pairs.certificate.gap_above.expect("there is more") > 1e-2,
-            k == complete
-        );
+        assert_eq!(pairs.certificate.gap_above.expect("there is more") > 1e-2, k == complete);
     }
 }

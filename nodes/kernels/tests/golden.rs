@@ -22,12 +22,7 @@ fn sheet(p: usize, q: usize) -> Mesh {
     let corner = |i: usize, j: usize| (j * (p + 1) + i) as u32;
     let cells = (0..q).flat_map(|j| (0..p).map(move |i| (i, j)));
     let faces = cells.flat_map(|(i, j)| {
-        let (a, b, c, d) = (
-            corner(i, j),
-            corner(i + 1, j),
-            corner(i + 1, j + 1),
-            corner(i, j + 1),
-        );
+        let (a, b, c, d) = (corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1));
         [[a, b, c], [a, c, d]]
     });
     (points, faces.collect())
@@ -51,17 +46,12 @@ fn scipy_agrees() {
         for (area, column) in [(Area::Mixed, "mixed"), (Area::Barycentric, "barycentric")] {
             let prefix = format!("{name},{column},");
             let rows = GOLDEN.lines().filter_map(|line| line.strip_prefix(&prefix));
-            let expected: Vec<f64> = rows
-                .map(|r| r.split(',').nth(1).unwrap().parse().unwrap())
-                .collect();
+            let expected: Vec<f64> = rows.map(|r| r.split(',').nth(1).unwrap().parse().unwrap()).collect();
             assert_eq!(expected.len(), 60);
             let (points, faces) = mesh(name);
             let operator = laplacian(&points, &faces, area, false).expect("a good mesh");
             for dense_limit in [0, 10_000] {
-                let options = Options {
-                    dense_limit,
-                    ..Options::default()
-                };
+                let options = Options { dense_limit, ..Options::default() };
                 let pairs = eigenpairs(&operator, 60, &options, &()).expect("certified");
                 assert!(pairs.values[..zeros].iter().all(|v| *v == 0.0));
                 assert!(expected[..zeros].iter().all(|v| v.abs() < 1e-9));

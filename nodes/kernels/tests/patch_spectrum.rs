@@ -19,16 +19,12 @@ fn doubled((points, faces): &Mesh, on_boundary: &[bool]) -> Mesh {
             all.len() as u32 - 1
         })
         .collect();
-    let copy = faces
-        .iter()
-        .map(|&[a, b, c]| [a, c, b].map(|v: u32| mirror[v as usize]));
+    let copy = faces.iter().map(|&[a, b, c]| [a, c, b].map(|v: u32| mirror[v as usize]));
     (all, faces.iter().copied().chain(copy).collect())
 }
 
 fn grid_boundary(p: usize, q: usize) -> Vec<bool> {
-    (0..=q)
-        .flat_map(|j| (0..=p).map(move |i| i == 0 || i == p || j == 0 || j == q))
-        .collect()
+    (0..=q).flat_map(|j| (0..=p).map(move |i| i == 0 || i == p || j == 0 || j == q)).collect()
 }
 
 #[test]
@@ -38,26 +34,14 @@ fn the_union_is_the_spectrum_of_the_doubled_mesh() {
         let double = doubled(&patch, &grid_boundary(p, q));
         for area in [Area::Mixed, Area::Barycentric] {
             let operator = laplacian(&double.0, &double.1, area, false).expect("a closed mesh");
-            let options = Options {
-                dense_limit: 2000,
-                ..Options::default()
-            };
+            let options = Options { dense_limit: 2000, ..Options::default() };
             let explicit = eigenpairs(&operator, count + 1, &options, &()).expect("small");
             for dense_limit in [0, 2000] {
-                let options = PatchOptions {
-                    area,
-                    dense_limit,
-                    ..PatchOptions::default()
-                };
-                let spectrum =
-                    patch_spectrum(&patch.0, &patch.1, count, &options, &()).expect("a patch");
+                let options = PatchOptions { area, dense_limit, ..PatchOptions::default() };
+                let spectrum = patch_spectrum(&patch.0, &patch.1, count, &options, &()).expect("a patch");
                 assert_close(&spectrum.values, &explicit.values[1..], 2e-12);
                 assert!(spectrum.doubled);
-                assert_close(
-                    &[spectrum.closed_area, 2.0 * spectrum.patch_area],
-                    &[operator.area(); 2],
-                    1e-13,
-                );
+                assert_close(&[spectrum.closed_area, 2.0 * spectrum.patch_area], &[operator.area(); 2], 1e-13);
             }
         }
     }
@@ -69,17 +53,10 @@ fn all_values_of_a_small_patch() {
     let double = doubled(&patch, &grid_boundary(4, 3));
     let operator = laplacian(&double.0, &double.1, Area::Mixed, false).expect("a closed mesh");
     let explicit = eigenpairs(&operator, 26, &Options::default(), &()).expect("20 + 6 vertices");
-    let spectrum =
-        patch_spectrum(&patch.0, &patch.1, 25, &PatchOptions::default(), &()).expect("25 values");
+    let spectrum = patch_spectrum(&patch.0, &patch.1, 25, &PatchOptions::default(), &()).expect("25 values");
     assert_close(&spectrum.values, &explicit.values[1..], 1e-12);
     let too_many = patch_spectrum(&patch.0, &patch.1, 26, &PatchOptions::default(), &());
-    assert_eq!(
-        too_many,
-        Err(PatchError::TooFew {
-            wanted: 26,
-            available: 25
-        })
-    );
+    assert_eq!(too_many, Err(PatchError::TooFew { wanted: 26, available: 25 }));
 }
 
 #[test]
@@ -91,18 +68,10 @@ fn rectangles_are_exact() {
     expected.extend(rectangle_values(p, q, hx, hy, true));
     expected.sort_by(f64::total_cmp);
     for (dense_limit, intrinsic_delaunay) in [(0, false), (0, true), (1000, false)] {
-        let options = PatchOptions {
-            dense_limit,
-            intrinsic_delaunay,
-            ..PatchOptions::default()
-        };
+        let options = PatchOptions { dense_limit, intrinsic_delaunay, ..PatchOptions::default() };
         let spectrum = patch_spectrum(&points, &faces, 60, &options, &()).expect("a patch");
         assert_close(&spectrum.values, &expected[1..61], 1e-11);
-        assert_close(
-            &[spectrum.patch_area, spectrum.closed_area],
-            &[6.0, 12.0],
-            1e-13,
-        );
+        assert_close(&[spectrum.patch_area, spectrum.closed_area], &[6.0, 12.0], 1e-13);
     }
 }
 
@@ -111,32 +80,20 @@ fn a_closed_patch_is_its_own_double() {
     let (points, faces) = icosphere(2);
     let operator = laplacian(&points, &faces, Area::Mixed, false).expect("a sphere");
     let whole = eigenpairs(&operator, 22, &Options::default(), &()).expect("162 vertices");
-    let spectrum =
-        patch_spectrum(&points, &faces, 21, &PatchOptions::default(), &()).expect("a sphere");
+    let spectrum = patch_spectrum(&points, &faces, 21, &PatchOptions::default(), &()).expect("a sphere");
     assert!(!spectrum.doubled);
     assert_close(&spectrum.values, &whole.values[1..], 1e-11);
-    assert_close(
-        &[spectrum.patch_area, spectrum.closed_area],
-        &[operator.area(); 2],
-        1e-14,
-    );
+    assert_close(&[spectrum.patch_area, spectrum.closed_area], &[operator.area(); 2], 1e-14);
 }
 
 #[test]
 fn one_triangle_has_two_values() {
     let points = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-    let spectrum = patch_spectrum(&points, &[[0, 1, 2]], 2, &PatchOptions::default(), &())
-        .expect("two values");
+    let spectrum = patch_spectrum(&points, &[[0, 1, 2]], 2, &PatchOptions::default(), &()).expect("two values");
     // Legs of weight 1/2, masses 1/4, 1/8, 1/8: the odd vector (0, 1, -1) has 4, the even (1, -1, -1) has 8.
     assert_close(&spectrum.values, &[4.0, 8.0], 1e-14);
     let refused = patch_spectrum(&points, &[[0, 1, 2]], 3, &PatchOptions::default(), &());
-    assert_eq!(
-        refused,
-        Err(PatchError::TooFew {
-            wanted: 3,
-            available: 2
-        })
-    );
+    assert_eq!(refused, Err(PatchError::TooFew { wanted: 3, available: 2 }));
 }
 
 struct Stop;

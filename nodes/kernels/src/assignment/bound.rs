@@ -88,10 +88,7 @@ impl Sub {
     pub fn root(m: &Model) -> Self {
         let n = m.left.len();
         let mut next: Vec<u32> = m.row[..n].iter().map(|&e| e as u32).collect();
-        let (mut mate, mut w) = (
-            Vec::with_capacity(m.col.len()),
-            Vec::with_capacity(m.col.len()),
-        );
+        let (mut mate, mut w) = (Vec::with_capacity(m.col.len()), Vec::with_capacity(m.col.len()));
         // Rows ascend, so the entries of column b are met in the order in which row b lists them.
         for a in 0..n {
             let range = m.row[a]..m.row[a + 1];
@@ -194,11 +191,7 @@ impl Sub {
     fn stars(&mut self, s: &mut Scratch, push: Option<(i64, usize)>) {
         let n = self.vars.len();
         for at in 0..n {
-            let a = if push.is_some_and(|p| p.1 % 2 == 1) {
-                n - 1 - at
-            } else {
-                at
-            };
+            let a = if push.is_some_and(|p| p.1 % 2 == 1) { n - 1 - at } else { at };
             if !self.alive(a) {
                 continue;
             }
@@ -215,14 +208,7 @@ impl Sub {
             }
             s.start.resize(self.n_left() + 1, range.len() as u32);
             let own = self.left[a] as usize;
-            let value = s.star.solve(
-                &s.start,
-                &s.rights,
-                &self.w[range],
-                self.n_right,
-                !self.dense,
-                own,
-            );
+            let value = s.star.solve(&s.start, &s.rights, &self.w[range], self.n_right, !self.dense, own);
             let Some(value) = value else {
                 self.kill(a);
                 continue;
@@ -244,11 +230,7 @@ impl Sub {
     fn spread(&mut self) {
         let others = self.others();
         for a in 0..self.vars.len() {
-            let share = if self.alive(a) {
-                self.slack[a] / others
-            } else {
-                0
-            };
+            let share = if self.alive(a) { self.slack[a] / others } else { 0 };
             if share == 0 {
                 continue;
             }
@@ -281,8 +263,7 @@ impl Sub {
                 continue;
             }
             let b = self.col[e] as usize;
-            let spare =
-                s.star.u[self.left[b] as usize] + s.star.v[self.right[b] as usize] - self.w[e];
+            let spare = s.star.u[self.left[b] as usize] + s.star.v[self.right[b] as usize] - self.w[e];
             if spare + self.slack[b] >= room {
                 self.w[e] = FORBIDDEN;
                 self.w[self.mate[e] as usize] = FORBIDDEN;
@@ -305,38 +286,20 @@ impl Sub {
     /// Combines the stars. True when pruned.
     fn lead(&mut self, s: &mut Scratch, threshold: i64) -> bool {
         self.leader.clear();
-        self.leader.extend(
-            self.c
-                .iter()
-                .zip(&self.star)
-                .map(|(&c, &t)| if c == FORBIDDEN { FORBIDDEN } else { c + t }),
-        );
-        let value = s.lap.solve(
-            &self.start,
-            &self.right,
-            &self.leader,
-            self.n_right,
-            !self.mandatory,
-            usize::MAX,
-        );
+        self.leader
+            .extend(self.c.iter().zip(&self.star).map(|(&c, &t)| if c == FORBIDDEN { FORBIDDEN } else { c + t }));
+        let value = s.lap.solve(&self.start, &self.right, &self.leader, self.n_right, !self.mandatory, usize::MAX);
         let Some(value) = value else { return true };
         self.u.clone_from(&s.lap.u);
         self.v.clone_from(&s.lap.v);
-        self.matching = s
-            .lap
-            .used
-            .iter()
-            .copied()
-            .filter(|&e| e != u32::MAX)
-            .collect();
+        self.matching = s.lap.used.iter().copied().filter(|&e| e != u32::MAX).collect();
         self.bound = self.base + value;
         if self.bound <= threshold {
             return true;
         }
         for a in 0..self.vars.len() {
             if self.alive(a) {
-                self.slack[a] =
-                    self.u[self.left[a] as usize] + self.v[self.right[a] as usize] - self.leader[a];
+                self.slack[a] = self.u[self.left[a] as usize] + self.v[self.right[a] as usize] - self.leader[a];
                 if self.bound - self.slack[a] <= threshold {
                     self.kill(a);
                 }
@@ -351,10 +314,7 @@ impl Sub {
         let mut consider = |options: Vec<(i64, Branch)>| {
             let gap = (self.bound - threshold).max(1) as f64;
             // Bounds far above the threshold weigh most; pruned branches nothing.
-            let weight: f64 = options
-                .iter()
-                .map(|o| ((o.0 - threshold) as f64 / gap).powi(2))
-                .sum();
+            let weight: f64 = options.iter().map(|o| ((o.0 - threshold) as f64 / gap).powi(2)).sum();
             if best.as_ref().is_none_or(|b| weight < b.0) {
                 best = Some((weight, options));
             }
@@ -372,9 +332,7 @@ impl Sub {
             consider(options);
         }
         let mut of_right: Vec<Vec<(i64, Branch)>> = vec![Vec::new(); self.n_right];
-        (0..self.vars.len())
-            .filter(|&a| self.alive(a))
-            .for_each(|a| of_right[self.right[a] as usize].push(take(a)));
+        (0..self.vars.len()).filter(|&a| self.alive(a)).for_each(|a| of_right[self.right[a] as usize].push(take(a)));
         let all_used = self.mandatory && self.n_left() == self.n_right;
         for (l, mut options) in of_right.into_iter().enumerate() {
             if options.is_empty() {
@@ -424,15 +382,7 @@ impl Sub {
         self.compress(&keep, &c, base, fixed, gone_left, gone_right)
     }
 
-    fn compress(
-        &self,
-        keep: &[bool],
-        c: &[i64],
-        base: i64,
-        fixed: Vec<u32>,
-        gone_left: u32,
-        gone_right: u32,
-    ) -> Self {
+    fn compress(&self, keep: &[bool], c: &[i64], base: i64, fixed: Vec<u32>, gone_left: u32, gone_right: u32) -> Self {
         let n = self.vars.len();
         let (mut index, mut count) = (vec![u32::MAX; n], 0);
         for a in 0..n {

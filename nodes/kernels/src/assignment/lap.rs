@@ -73,14 +73,7 @@ impl Lap {
     }
 
     /// Dijkstra over reduced costs from left `root` to a free right, or to a left that had better stay unmatched.
-    fn augment(
-        &mut self,
-        root: u32,
-        start: &[u32],
-        right: &[u32],
-        w: &[i64],
-        optional: bool,
-    ) -> bool {
+    fn augment(&mut self, root: u32, start: &[u32], right: &[u32], w: &[i64], optional: bool) -> bool {
         self.tree.clear();
         self.open.clear();
         self.done.clear();
@@ -123,11 +116,7 @@ impl Lap {
         };
         let found = end != NONE || quit_left != NONE;
         if found {
-            let length = if end == NONE {
-                quit
-            } else {
-                self.dist[end as usize]
-            };
+            let length = if end == NONE { quit } else { self.dist[end as usize] };
             self.update_duals(length);
             self.flip(root, end, quit_left, start, right);
         }
@@ -141,11 +130,7 @@ impl Lap {
     /// The open right at the least distance; a free one first among equals, then the lowest index.
     fn nearest(&self) -> Option<(usize, u32)> {
         let key = |r: u32| (self.dist[r as usize], self.owner[r as usize] != NONE, r);
-        self.open
-            .iter()
-            .copied()
-            .enumerate()
-            .min_by_key(|&(_, r)| key(r))
+        self.open.iter().copied().enumerate().min_by_key(|&(_, r)| key(r))
     }
 
     fn update_duals(&mut self, length: i64) {
@@ -200,27 +185,16 @@ mod tests {
         if k == rows.len() {
             return Some(0);
         }
-        let skip = if optional {
-            brute(k + 1, taken, rows, optional)
-        } else {
-            None
-        };
-        let choices = rows[k]
-            .iter()
-            .filter(|(r, w)| taken >> r & 1 == 0 && *w != FORBIDDEN);
-        choices
-            .filter_map(|&(r, w)| Some(w + brute(k + 1, taken | 1 << r, rows, optional)?))
-            .chain(skip)
-            .max()
+        let skip = if optional { brute(k + 1, taken, rows, optional) } else { None };
+        let choices = rows[k].iter().filter(|(r, w)| taken >> r & 1 == 0 && *w != FORBIDDEN);
+        choices.filter_map(|&(r, w)| Some(w + brute(k + 1, taken | 1 << r, rows, optional)?)).chain(skip).max()
     }
 
     #[test]
     fn equals_enumeration_and_duals_certify_it() {
         let mut seed = 7_u64;
         let mut next = |n: u64| {
-            seed = seed
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             (seed >> 33) % n
         };
         let mut lap = Lap::default();
@@ -229,11 +203,8 @@ mod tests {
             let (n, m, optional) = (next(6) as usize, 1 + next(6) as u32, case % 2 == 0);
             let rows: Vec<Vec<(u32, i64)>> = (0..n)
                 .map(|_| {
-                    let list = (0..m)
-                        .map(|r| (r, next(20) as i64 - 8))
-                        .filter(|e| e.1 % 4 != 0);
-                    list.map(|(r, w)| if w == 3 { (r, FORBIDDEN) } else { (r, w) })
-                        .collect()
+                    let list = (0..m).map(|r| (r, next(20) as i64 - 8)).filter(|e| e.1 % 4 != 0);
+                    list.map(|(r, w)| if w == 3 { (r, FORBIDDEN) } else { (r, w) }).collect()
                 })
                 .collect();
             let mut start = vec![0_u32];

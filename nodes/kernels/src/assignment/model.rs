@@ -35,39 +35,24 @@ impl Model {
     /// `Self` for the heuristics has no nulls; `bounding` adds what the dual bound profits from.
     pub fn new(p: &Problem, bounding: bool) -> Self {
         let flip = p.must_match_all && p.n_left > p.n_right;
-        let (n_left, n_right) = if flip {
-            (p.n_right, p.n_left)
-        } else {
-            (p.n_left, p.n_right)
-        };
+        let (n_left, n_right) = if flip { (p.n_right, p.n_left) } else { (p.n_left, p.n_right) };
         let negative = p.val.iter().any(|&h| h < 0.0);
         let nulls = bounding && negative && !p.must_match_all;
         let size = p.candidates.len() + if nulls { n_left } else { 0 };
-        let dense = bounding
-            && (negative || p.must_match_all)
-            && size.saturating_mul(size) <= DENSE_ENTRIES;
+        let dense = bounding && (negative || p.must_match_all) && size.saturating_mul(size) <= DENSE_ENTRIES;
         let nulls = nulls && dense;
         let grid = Grid::new(p, n_left);
         let mut order: Vec<(u32, u32, Option<usize>)> = p
             .candidates
             .iter()
             .enumerate()
-            .map(|(a, &(i, j))| {
-                if flip {
-                    (j as u32, i as u32, Some(a))
-                } else {
-                    (i as u32, j as u32, Some(a))
-                }
-            })
+            .map(|(a, &(i, j))| if flip { (j as u32, i as u32, Some(a)) } else { (i as u32, j as u32, Some(a)) })
             .collect();
         if nulls {
             order.extend((0..n_left).map(|i| (i as u32, (n_right + i) as u32, None)));
         }
         order.sort_unstable_by_key(|v| (v.0, v.1));
-        let linear = order
-            .iter()
-            .map(|v| v.2.map_or(0, |a| grid.candidate(p, a)))
-            .collect();
+        let linear = order.iter().map(|v| v.2.map_or(0, |a| grid.candidate(p, a))).collect();
         let mut model = Self {
             n_left,
             n_right: n_right + if nulls { n_left } else { 0 },
@@ -78,12 +63,7 @@ impl Model {
             row: vec![0],
             col: Vec::new(),
             val: Vec::new(),
-            constant: -p
-                .left_cost
-                .iter()
-                .chain(&p.right_cost)
-                .map(|&c| grid.down(c))
-                .sum::<i64>(),
+            constant: -p.left_cost.iter().chain(&p.right_cost).map(|&c| grid.down(c)).sum::<i64>(),
             mandatory: p.must_match_all || nulls,
             dense,
             step: 1,
@@ -91,11 +71,7 @@ impl Model {
             exponent: grid.exponent,
         };
         model.fill_pairs(p, &grid);
-        let common = model
-            .linear
-            .iter()
-            .chain(&model.val)
-            .fold(0, |g, &v| gcd(g, v.unsigned_abs()));
+        let common = model.linear.iter().chain(&model.val).fold(0, |g, &v| gcd(g, v.unsigned_abs()));
         model.step = (common as i64).max(1);
         model
     }
@@ -111,10 +87,7 @@ impl Model {
         for v in 0..self.left.len() {
             own.clear();
             if let Some(a) = self.source[v] {
-                own.extend(
-                    (p.row[a]..p.row[a + 1])
-                        .map(|e| (variable[p.col[e] as usize], grid.up(p.val[e]))),
-                );
+                own.extend((p.row[a]..p.row[a + 1]).map(|e| (variable[p.col[e] as usize], grid.up(p.val[e]))));
                 own.sort_unstable();
             }
             if self.dense {
@@ -139,9 +112,7 @@ impl Model {
     /// The pair term of two variables.
     pub fn pair(&self, a: usize, b: usize) -> i64 {
         let range = self.row[a]..self.row[a + 1];
-        self.col[range.clone()]
-            .binary_search(&(b as u32))
-            .map_or(0, |at| self.val[range.start + at])
+        self.col[range.clone()].binary_search(&(b as u32)).map_or(0, |at| self.val[range.start + at])
     }
 
     /// A real number at or above an integer bound (which excludes the constant).
@@ -153,30 +124,18 @@ impl Model {
         }
         let result = unscale(real, self.exponent);
         // Only among subnormal numbers can scaling back round.
-        if scale(result, self.exponent) < real {
-            result.next_up()
-        } else {
-            result
-        }
+        if scale(result, self.exponent) < real { result.next_up() } else { result }
     }
 
     /// By how much at most the integer objective of an assignment exceeds its real one; 0 if scaling rounded nothing.
     pub fn resolution(&self, p: &Problem) -> f64 {
         let n = p.n_left.min(p.n_right) as f64;
         let exact = |v: &f64| scale(*v, self.exponent).fract() == 0.0;
-        let all = p
-            .linear
-            .iter()
-            .chain(&p.val)
-            .chain(&p.left_cost)
-            .chain(&p.right_cost);
+        let all = p.linear.iter().chain(&p.val).chain(&p.left_cost).chain(&p.right_cost);
         if all.into_iter().all(exact) {
             return 0.0;
         }
-        unscale(
-            n * (n - 1.0) / 2.0 + n + (p.n_left + p.n_right) as f64,
-            self.exponent,
-        )
+        unscale(n * (n - 1.0) / 2.0 + n + (p.n_left + p.n_right) as f64, self.exponent)
     }
 }
 
@@ -193,42 +152,24 @@ impl Grid {
         let mut group = vec![0.0_f64; p.n_left];
         for (a, &(i, _)) in p.candidates.iter().enumerate() {
             let range = p.row[a]..p.row[a + 1];
-            let lefts = || {
-                p.col[range.clone()]
-                    .iter()
-                    .map(|&b| p.candidates[b as usize].0)
-            };
-            lefts()
-                .zip(&p.val[range.clone()])
-                .for_each(|(k, h)| group[k] = group[k].max(h.abs()));
+            let lefts = || p.col[range.clone()].iter().map(|&b| p.candidates[b as usize].0);
+            lefts().zip(&p.val[range.clone()]).for_each(|(k, h)| group[k] = group[k].max(h.abs()));
             let mut star = p.linear[a].abs();
             lefts().for_each(|k| star += std::mem::take(&mut group[k]));
             best[i] = best[i].max(star);
         }
-        let total = best
-            .iter()
-            .chain(&p.left_cost)
-            .chain(&p.right_cost)
-            .map(|v| v.abs())
-            .sum::<f64>();
+        let total = best.iter().chain(&p.left_cost).chain(&p.right_cost).map(|v| v.abs()).sum::<f64>();
         let limit = (1_i64 << 60) / (n_left.max(p.n_left).max(p.n_right) as i64 + 4);
         let room = (limit >> 6) as f64;
-        let exponent = if total > 0.0 {
-            (room.log2() - total.log2()).floor().clamp(-2000.0, 2000.0) as i32 - 1
-        } else {
-            0
-        };
+        let exponent =
+            if total > 0.0 { (room.log2() - total.log2()).floor().clamp(-2000.0, 2000.0) as i32 - 1 } else { 0 };
         Self { exponent, limit }
     }
 
     fn up(&self, x: f64) -> i64 {
         let y = scale(x, self.exponent);
         // Underflow must not round a positive score down.
-        if y == 0.0 && x > 0.0 {
-            1
-        } else {
-            y.ceil() as i64
-        }
+        if y == 0.0 && x > 0.0 { 1 } else { y.ceil() as i64 }
     }
 
     fn down(&self, x: f64) -> i64 {

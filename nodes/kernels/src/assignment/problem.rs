@@ -71,10 +71,7 @@ impl fmt::Display for ProblemError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::FeatureOutOfRange { side, index, count } => {
-                write!(
-                    f,
-                    "{side} feature {index} does not exist: there are {count}"
-                )
+                write!(f, "{side} feature {index} does not exist: there are {count}")
             }
             Self::CandidateOutOfRange { index, count } => {
                 write!(f, "candidate {index} does not exist: there are {count}")
@@ -85,25 +82,13 @@ impl fmt::Display for ProblemError {
             Self::DuplicatePair { a, b } => {
                 write!(f, "the pair term of candidates {a} and {b} is given twice")
             }
-            Self::SelfPair { a } => write!(
-                f,
-                "candidate {a} is paired with itself; its own score is its linear score"
-            ),
+            Self::SelfPair { a } => write!(f, "candidate {a} is paired with itself; its own score is its linear score"),
             Self::ExclusivePair { a, b } => {
-                write!(
-                    f,
-                    "candidates {a} and {b} share a feature, so their pair term can never count"
-                )
+                write!(f, "candidates {a} and {b} share a feature, so their pair term can never count")
             }
             Self::NonFinite { what } => write!(f, "{what} is not a finite number"),
-            Self::WrongLength {
-                what,
-                found,
-                expected,
-            } => write!(f, "{what} has {found} values, expected {expected}"),
-            Self::TooLarge => {
-                f.write_str("the scores or the number of terms are too large to be summed")
-            }
+            Self::WrongLength { what, found, expected } => write!(f, "{what} has {found} values, expected {expected}"),
+            Self::TooLarge => f.write_str("the scores or the number of terms are too large to be summed"),
         }
     }
 }
@@ -141,12 +126,7 @@ impl ProblemBuilder {
 
     /// Adds the candidate pair (`left`, `right`) with linear score `c_a`, of either sign, and returns its index `a`
     /// (0, 1, ... in the order added). A duplicate is found by [`Self::build`].
-    pub fn candidate(
-        &mut self,
-        left: usize,
-        right: usize,
-        score: f64,
-    ) -> Result<usize, ProblemError> {
+    pub fn candidate(&mut self, left: usize, right: usize, score: f64) -> Result<usize, ProblemError> {
         check_index("left", left, self.n_left)?;
         check_index("right", right, self.n_right)?;
         check_finite("a candidate's score", score)?;
@@ -193,11 +173,7 @@ impl ProblemBuilder {
             ("right unmatched costs", right, &mut self.right_cost),
         ] {
             if given.len() != own.len() {
-                return Err(ProblemError::WrongLength {
-                    what,
-                    found: given.len(),
-                    expected: own.len(),
-                });
+                return Err(ProblemError::WrongLength { what, found: given.len(), expected: own.len() });
             }
             for &value in given {
                 check_finite(what, value)?;
@@ -217,37 +193,18 @@ impl ProblemBuilder {
         let mut sorted = self.candidates.clone();
         sorted.sort_unstable();
         if let Some(twice) = sorted.windows(2).find(|w| w[0] == w[1]) {
-            return Err(ProblemError::DuplicateCandidate {
-                left: twice[0].0,
-                right: twice[0].1,
-            });
+            return Err(ProblemError::DuplicateCandidate { left: twice[0].0, right: twice[0].1 });
         }
         let mut pairs = self.pairs;
         pairs.sort_unstable_by_key(|&(a, b, _)| (a, b));
-        if let Some(twice) = pairs
-            .windows(2)
-            .find(|w| (w[0].0, w[0].1) == (w[1].0, w[1].1))
-        {
-            return Err(ProblemError::DuplicatePair {
-                a: twice[0].0,
-                b: twice[0].1,
-            });
+        if let Some(twice) = pairs.windows(2).find(|w| (w[0].0, w[0].1) == (w[1].0, w[1].1)) {
+            return Err(ProblemError::DuplicatePair { a: twice[0].0, b: twice[0].1 });
         }
         let limit = u32::MAX as usize / 2;
-        let total: f64 = self
-            .linear
-            .iter()
-            .chain(&self.left_cost)
-            .chain(&self.right_cost)
-            .map(|v| v.abs())
-            .sum::<f64>()
-            + pairs.iter().map(|p| p.2.abs()).sum::<f64>();
-        let counts = [
-            self.n_left,
-            self.n_right,
-            self.candidates.len(),
-            pairs.len(),
-        ];
+        let total: f64 =
+            self.linear.iter().chain(&self.left_cost).chain(&self.right_cost).map(|v| v.abs()).sum::<f64>()
+                + pairs.iter().map(|p| p.2.abs()).sum::<f64>();
+        let counts = [self.n_left, self.n_right, self.candidates.len(), pairs.len()];
         if !(4.0 * total).is_finite() || counts.iter().any(|&n| n > limit) {
             return Err(ProblemError::TooLarge);
         }
@@ -268,19 +225,11 @@ impl ProblemBuilder {
 }
 
 fn check_index(side: &'static str, index: usize, count: usize) -> Result<(), ProblemError> {
-    if index < count {
-        Ok(())
-    } else {
-        Err(ProblemError::FeatureOutOfRange { side, index, count })
-    }
+    if index < count { Ok(()) } else { Err(ProblemError::FeatureOutOfRange { side, index, count }) }
 }
 
 fn check_finite(what: &'static str, value: f64) -> Result<(), ProblemError> {
-    if value.is_finite() {
-        Ok(())
-    } else {
-        Err(ProblemError::NonFinite { what })
-    }
+    if value.is_finite() { Ok(()) } else { Err(ProblemError::NonFinite { what }) }
 }
 
 /// Both triangles, columns ascending in each row; `pairs` is sorted by (a, b) with a < b.
@@ -293,11 +242,7 @@ fn symmetric_csr(n: usize, pairs: &[(usize, usize, f64)]) -> (Vec<usize>, Vec<u3
     for a in 0..n {
         row[a + 1] += row[a];
     }
-    let (mut next, mut col, mut val) = (
-        row.clone(),
-        vec![0; 2 * pairs.len()],
-        vec![0.0; 2 * pairs.len()],
-    );
+    let (mut next, mut col, mut val) = (row.clone(), vec![0; 2 * pairs.len()], vec![0.0; 2 * pairs.len()]);
     // Lower entries first: sorted by a, they fill each row b in ascending order, and all lie before its upper entries.
     for flip in [true, false] {
         for &(a, b, h) in pairs {
@@ -332,11 +277,7 @@ impl Problem {
     pub fn from_qaplib(n: usize, a: &[f64], b: &[f64]) -> Result<Self, ProblemError> {
         for (what, m) in [("A", a), ("B", b)] {
             if m.len() != n * n {
-                return Err(ProblemError::WrongLength {
-                    what,
-                    found: m.len(),
-                    expected: n * n,
-                });
+                return Err(ProblemError::WrongLength { what, found: m.len(), expected: n * n });
             }
             for &v in m {
                 check_finite(what, v)?;
@@ -403,11 +344,7 @@ impl Problem {
             }
         }
         for (matched, costs) in [(&left, &self.left_cost), (&right, &self.right_cost)] {
-            matched
-                .iter()
-                .zip(costs)
-                .filter(|(m, _)| !**m)
-                .for_each(|(_, &cost)| sum.add(-cost));
+            matched.iter().zip(costs).filter(|(m, _)| !**m).for_each(|(_, &cost)| sum.add(-cost));
         }
         Some(sum.value())
     }
@@ -423,11 +360,7 @@ struct Compensated {
 impl Compensated {
     fn add(&mut self, x: f64) {
         let t = self.sum + x;
-        self.lost += if self.sum.abs() >= x.abs() {
-            (self.sum - t) + x
-        } else {
-            (x - t) + self.sum
-        };
+        self.lost += if self.sum.abs() >= x.abs() { (self.sum - t) + x } else { (x - t) + self.sum };
         self.sum = t;
     }
 

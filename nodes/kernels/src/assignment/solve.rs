@@ -64,10 +64,7 @@ pub struct Control<'a> {
 
 impl Default for Control<'_> {
     fn default() -> Self {
-        Self {
-            stop: &|| false,
-            progress: &|_| {},
-        }
+        Self { stop: &|| false, progress: &|_| {} }
     }
 }
 
@@ -133,21 +130,13 @@ impl Solution {
     /// The gap as a fraction of the objective's magnitude; 0 when both are 0, infinite when only the objective is.
     #[must_use]
     pub fn relative_gap(&self) -> f64 {
-        if self.gap() == 0.0 {
-            0.0
-        } else {
-            self.gap() / self.objective.abs()
-        }
+        if self.gap() == 0.0 { 0.0 } else { self.gap() / self.objective.abs() }
     }
 }
 
 /// Maximises the problem's objective. The order in which candidates and pairs were added makes no difference to the pairs found, as long as
 /// scores are summed alike: variables are ordered by (left, right), and among equal objectives the first found is kept.
-pub fn solve(
-    problem: &Problem,
-    limits: &Limits,
-    control: &Control,
-) -> Result<Solution, SolveError> {
+pub fn solve(problem: &Problem, limits: &Limits, control: &Control) -> Result<Solution, SolveError> {
     let primal = Model::new(problem, false);
     let mut heuristic = Search::new(&primal, limits.seed);
     heuristic.run(limits.starts, limits.idle_moves, control.stop);
@@ -158,10 +147,7 @@ pub fn solve(
     let root_bound = tree.root();
     let stop = tree.search();
     let (best, set) = tree.heuristic.best().ok_or(SolveError::Infeasible)?;
-    let mut candidates: Vec<usize> = set
-        .iter()
-        .filter_map(|&a| primal.source[a as usize])
-        .collect();
+    let mut candidates: Vec<usize> = set.iter().filter_map(|&a| primal.source[a as usize]).collect();
     candidates.sort_unstable_by_key(|&a| problem.candidates[a]);
     let objective = objective(problem, &primal, set);
     let upper = tree.upper();
@@ -176,22 +162,13 @@ pub fn solve(
         proved: upper <= best,
         resolution: dual.resolution(problem),
         nodes: tree.nodes,
-        stop: if upper <= best {
-            StopReason::Proved
-        } else {
-            stop
-        },
+        stop: if upper <= best { StopReason::Proved } else { stop },
     })
 }
 
 fn objective(problem: &Problem, model: &Model, set: &[u32]) -> f64 {
-    let candidates: Vec<usize> = set
-        .iter()
-        .filter_map(|&a| model.source[a as usize])
-        .collect();
-    problem
-        .objective(&candidates)
-        .expect("the search keeps its assignments one to one and complete")
+    let candidates: Vec<usize> = set.iter().filter_map(|&a| model.source[a as usize]).collect();
+    problem.objective(&candidates).expect("the search keeps its assignments one to one and complete")
 }
 
 /// Best bound first, then deeper first, then first made.
@@ -234,11 +211,7 @@ impl<'a> Tree<'a> {
         control: &'a Control<'a>,
     ) -> Self {
         let mut variable = vec![0; problem.candidates.len()];
-        primal
-            .source
-            .iter()
-            .enumerate()
-            .for_each(|(v, a)| a.iter().for_each(|&a| variable[a] = v as u32));
+        primal.source.iter().enumerate().for_each(|(v, a)| a.iter().for_each(|&a| variable[a] = v as u32));
         Self {
             dual,
             heuristic,
@@ -274,11 +247,7 @@ impl<'a> Tree<'a> {
     }
 
     fn upper(&self) -> i64 {
-        self.open
-            .keys()
-            .next()
-            .map_or(i64::MIN, |k| k.0.0)
-            .max(self.best())
+        self.open.keys().next().map_or(i64::MIN, |k| k.0.0).max(self.best())
     }
 
     /// Bounds the root and opens it or its branches; returns its bound.
@@ -286,11 +255,7 @@ impl<'a> Tree<'a> {
         let Some(mut sub) = self.root.take() else {
             return self.best();
         };
-        let sweeps = if self.limits.node_limit == 0 {
-            0
-        } else {
-            self.limits.root_sweeps
-        };
+        let sweeps = if self.limits.node_limit == 0 { 0 } else { self.limits.root_sweeps };
         if sweeps > 0 {
             self.nodes = 1;
         }
@@ -298,14 +263,7 @@ impl<'a> Tree<'a> {
         let value = bound.map_or(self.best(), |b| self.floor(b).max(self.best()));
         if let Some(bound) = bound {
             if self.limits.node_limit == 0 {
-                self.push(
-                    bound,
-                    0,
-                    Open {
-                        parent: None,
-                        branch: None,
-                    },
-                );
+                self.push(bound, 0, Open { parent: None, branch: None });
             } else {
                 self.expand(sub, bound);
             }
@@ -329,21 +287,13 @@ impl<'a> Tree<'a> {
             if (self.control.stop)() {
                 return StopReason::Stopped;
             }
-            let key = if self.bytes > self.limits.memory {
-                self.newest.values().next_back().copied()
-            } else {
-                None
-            }
-            .unwrap_or(first);
+            let key = if self.bytes > self.limits.memory { self.newest.values().next_back().copied() } else { None }
+                .unwrap_or(first);
             let Some(node) = self.open.remove(&key) else {
                 return StopReason::Proved;
             };
             self.newest.remove(&key.2);
-            let sub = if key.0.0 > self.threshold() {
-                self.materialise(&node)
-            } else {
-                None
-            };
+            let sub = if key.0.0 > self.threshold() { self.materialise(&node) } else { None };
             self.release(node.parent);
             let Some(mut sub) = sub else { continue };
             self.nodes += 1;
@@ -373,21 +323,12 @@ impl<'a> Tree<'a> {
 
     /// The bound of a subproblem (at most `known`), unless it is pruned. May find a better assignment.
     fn ascend(&mut self, sub: &mut Sub, sweeps: usize, patience: i64, known: i64) -> Option<i64> {
-        let how = Ascent {
-            threshold: self.threshold(),
-            sweeps,
-            patience,
-            stop: self.control.stop,
-        };
+        let how = Ascent { threshold: self.threshold(), sweeps, patience, stop: self.control.stop };
         let Outcome::Bound(bound) = sub.ascend(&mut self.scratch, &how) else {
             return None;
         };
-        let set: Vec<u32> = sub
-            .completion()
-            .iter()
-            .filter_map(|&v| self.dual.source[v as usize])
-            .map(|a| self.variable[a])
-            .collect();
+        let set: Vec<u32> =
+            sub.completion().iter().filter_map(|&v| self.dual.source[v as usize]).map(|a| self.variable[a]).collect();
         self.heuristic.polish(&set, self.dual.n_left);
         let bound = bound.min(known);
         (bound > self.threshold()).then_some(bound)
@@ -408,14 +349,7 @@ impl<'a> Tree<'a> {
         // The best branch last, so that depth first takes it first.
         options.reverse();
         for (own, branch) in options {
-            self.push(
-                own.min(bound),
-                depth,
-                Open {
-                    parent: Some(at),
-                    branch: Some(branch),
-                },
-            );
+            self.push(own.min(bound), depth, Open { parent: Some(at), branch: Some(branch) });
         }
     }
 
@@ -427,14 +361,8 @@ impl<'a> Tree<'a> {
     }
 
     fn report(&self) {
-        let objective = self.heuristic.best().map_or(f64::NEG_INFINITY, |b| {
-            objective(self.problem, self.primal, b.1)
-        });
+        let objective = self.heuristic.best().map_or(f64::NEG_INFINITY, |b| objective(self.problem, self.primal, b.1));
         let upper_bound = self.dual.to_real(self.upper()).max(objective);
-        (self.control.progress)(&Progress {
-            nodes: self.nodes,
-            objective,
-            upper_bound,
-        });
+        (self.control.progress)(&Progress { nodes: self.nodes, objective, upper_bound });
     }
 }

@@ -111,17 +111,7 @@ impl<'a> Search<'a> {
                 start[k + 1] += start[k];
             }
             let mut lap = Lap::default();
-            if lap
-                .solve(
-                    &start,
-                    &self.m.right,
-                    &self.m.linear,
-                    self.m.n_right,
-                    false,
-                    usize::MAX,
-                )
-                .is_none()
-            {
+            if lap.solve(&start, &self.m.right, &self.m.linear, self.m.n_right, false, usize::MAX).is_none() {
                 return false;
             }
             self.load(&lap.used);
@@ -136,24 +126,13 @@ impl<'a> Search<'a> {
     fn grow(&mut self) {
         let m = self.m;
         let share = 2 * m.n_left as i64;
-        let potential: Vec<i64> = (0..m.left.len())
-            .map(|a| {
-                m.val[m.row[a]..m.row[a + 1]]
-                    .iter()
-                    .map(|&h| h.max(0) / share)
-                    .sum()
-            })
-            .collect();
+        let potential: Vec<i64> =
+            (0..m.left.len()).map(|a| m.val[m.row[a]..m.row[a + 1]].iter().map(|&h| h.max(0) / share).sum()).collect();
         loop {
-            let free = |a: &usize| {
-                self.at_left[m.left[*a] as usize] == NONE
-                    && self.at_right[m.right[*a] as usize] == NONE
-            };
+            let free =
+                |a: &usize| self.at_left[m.left[*a] as usize] == NONE && self.at_right[m.right[*a] as usize] == NONE;
             let score = |a: usize| self.gain[a] + potential[a];
-            let Some(a) = (0..m.left.len())
-                .filter(free)
-                .max_by_key(|&a| (score(a), std::cmp::Reverse(a)))
-            else {
+            let Some(a) = (0..m.left.len()).filter(free).max_by_key(|&a| (score(a), std::cmp::Reverse(a))) else {
                 break;
             };
             if score(a) <= 0 {
@@ -231,10 +210,7 @@ impl<'a> Search<'a> {
                 rejoin: NONE,
             });
         }
-        let eject = [
-            self.at_left[m.left[a] as usize],
-            self.at_right[m.right[a] as usize],
-        ];
+        let eject = [self.at_left[m.left[a] as usize], self.at_right[m.right[a] as usize]];
         let mut delta = self.gain[a];
         for b in eject.into_iter().filter(|&b| b != NONE) {
             delta -= self.gain[b as usize];
@@ -254,22 +230,14 @@ impl<'a> Search<'a> {
         if m.mandatory && eject[1] != NONE && rejoin == NONE {
             return None;
         }
-        Some(Move {
-            delta,
-            insert: a as u32,
-            eject,
-            rejoin,
-        })
+        Some(Move { delta, insert: a as u32, eject, rejoin })
     }
 
     fn find(&self, left: u32, right: u32) -> Option<usize> {
         let m = self.m;
         let from = m.left.partition_point(|&k| k < left);
         let to = from + m.left[from..].partition_point(|&k| k == left);
-        m.right[from..to]
-            .binary_search(&right)
-            .ok()
-            .map(|at| from + at)
+        m.right[from..to].binary_search(&right).ok().map(|at| from + at)
     }
 
     /// The best admissible move; false if there is none.
@@ -282,9 +250,7 @@ impl<'a> Search<'a> {
                 continue;
             };
             let held = |b: u32| b != NONE && self.tabu[b as usize] > self.clock;
-            let tabu = held(change.insert)
-                || held(change.rejoin)
-                || change.insert == NONE && held(change.eject[0]);
+            let tabu = held(change.insert) || held(change.rejoin) || change.insert == NONE && held(change.eject[0]);
             if tabu && self.value + change.delta <= self.best {
                 continue;
             }
@@ -310,10 +276,7 @@ impl<'a> Search<'a> {
             self.remove(b as usize);
             self.tabu[b as usize] = self.clock + tenure + self.next_random(tenure);
         }
-        for a in [change.insert, change.rejoin]
-            .into_iter()
-            .filter(|&a| a != NONE)
-        {
+        for a in [change.insert, change.rejoin].into_iter().filter(|&a| a != NONE) {
             self.insert(a as usize);
             self.tabu[a as usize] = self.clock + 2 + self.next_random(tenure / 2 + 1);
         }
@@ -324,12 +287,7 @@ impl<'a> Search<'a> {
         let complete = !self.m.mandatory || self.at_left.iter().all(|&a| a != NONE);
         if complete && self.value > self.best {
             self.best = self.value;
-            self.best_set = self
-                .at_left
-                .iter()
-                .copied()
-                .filter(|&a| a != NONE)
-                .collect();
+            self.best_set = self.at_left.iter().copied().filter(|&a| a != NONE).collect();
         }
     }
 }

@@ -32,11 +32,7 @@ pub(super) fn march(
     (turn, offset): ([f64; 4], [f64; 3]),
 ) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
     let grid = Grid::new(level, clear, (low, high), cell, (turn, offset));
-    let mut out = Output {
-        vertices: Vec::new(),
-        faces: Vec::new(),
-        on_edge: vec![NONE; grid.level.len() * 7],
-    };
+    let mut out = Output { vertices: Vec::new(), faces: Vec::new(), on_edge: vec![NONE; grid.level.len() * 7] };
     for k in 0..grid.size[2] - 1 {
         for j in 0..grid.size[1] - 1 {
             for i in 0..grid.size[0] - 1 {
@@ -60,11 +56,7 @@ impl Grid {
         let (mut from, mut to) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         for corner in 0..8 {
             let pick = |k: usize| {
-                if corner >> k & 1 == 0 {
-                    low[k]
-                } else {
-                    high[k]
-                }
+                if corner >> k & 1 == 0 { low[k] } else { high[k] }
             };
             let p = rotate(back, [pick(0), pick(1), pick(2)]);
             for k in 0..3 {
@@ -74,13 +66,7 @@ impl Grid {
         }
         let origin = [0, 1, 2].map(|k| from[k] - (1.0 + offset[k]) * cell);
         let size = [0, 1, 2].map(|k| ((to[k] - origin[k]) / cell) as usize + 3);
-        let mut grid = Self {
-            size,
-            origin,
-            cell,
-            turn,
-            level: Vec::new(),
-        };
+        let mut grid = Self { size, origin, cell, turn, level: Vec::new() };
         grid.fill(level, clear);
         grid
     }
@@ -126,16 +112,8 @@ impl Grid {
     }
 
     fn cube(&self, at: [usize; 3], out: &mut Output) {
-        let corner = |bits: usize| {
-            self.index([
-                at[0] + (bits & 1),
-                at[1] + (bits >> 1 & 1),
-                at[2] + (bits >> 2 & 1),
-            ])
-        };
-        let inside = (0..8)
-            .filter(|&bits| self.level[corner(bits)] < 0.0)
-            .count();
+        let corner = |bits: usize| self.index([at[0] + (bits & 1), at[1] + (bits >> 1 & 1), at[2] + (bits >> 2 & 1)]);
+        let inside = (0..8).filter(|&bits| self.level[corner(bits)] < 0.0).count();
         if inside == 0 || inside == 8 {
             return;
         }
@@ -167,11 +145,7 @@ impl Grid {
         let flip = dot(normal(p, q, r), outward) < 0.0;
         for k in 2..ring.len() {
             let face = [ring[0], ring[k - 1], ring[k]];
-            out.faces.push(if flip {
-                [face[0], face[2], face[1]]
-            } else {
-                face
-            });
+            out.faces.push(if flip { [face[0], face[2], face[1]] } else { face });
         }
     }
 
@@ -184,8 +158,7 @@ impl Grid {
             out.on_edge[slot] = out.vertices.len() as u32;
             let (x, y) = (self.level[low.1], self.level[high.1]);
             let t = (x / (x - y)).clamp(0.1, 0.9);
-            out.vertices
-                .push(lerp(self.point(low.1), self.point(high.1), t));
+            out.vertices.push(lerp(self.point(low.1), self.point(high.1), t));
         }
         out.on_edge[slot]
     }

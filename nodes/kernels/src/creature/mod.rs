@@ -42,13 +42,7 @@ pub struct CreatureParams {
 
 impl Default for CreatureParams {
     fn default() -> Self {
-        Self {
-            species: Species::Cat,
-            seed: 0,
-            pose: 0,
-            vertices: 2000,
-            triangulation: 0,
-        }
+        Self { species: Species::Cat, seed: 0, pose: 0, vertices: 2000, triangulation: 0 }
     }
 }
 
@@ -80,17 +74,11 @@ impl fmt::Display for CreatureError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::VertexCount(count) => {
-                write!(
-                    f,
-                    "{count} vertices asked for; a creature has {} to {}",
-                    VERTICES.start(),
-                    VERTICES.end()
-                )
+                write!(f, "{count} vertices asked for; a creature has {} to {}", VERTICES.start(), VERTICES.end())
             }
-            Self::NotASphere => write!(
-                f,
-                "the creature's mesh is not a closed surface of genus 0; ask for more vertices"
-            ),
+            Self::NotASphere => {
+                write!(f, "the creature's mesh is not a closed surface of genus 0; ask for more vertices")
+            }
             Self::Mesh(error) => write!(f, "the creature's mesh is inconsistent: {error}"),
         }
     }
@@ -105,47 +93,24 @@ pub fn generate(params: &CreatureParams) -> Result<Creature, CreatureError> {
     }
     let surface = RestSurface::new(params.species, params.seed);
     let motions = surface.skeleton.pose(params.pose);
-    let mut random = Random::new(&[
-        params.seed,
-        params.species as u64,
-        u64::from(params.pose),
-        params.triangulation,
-        3,
-    ]);
+    let mut random =
+        Random::new(&[params.seed, params.species as u64, u64::from(params.pose), params.triangulation, 3]);
     let frame = RestSurface::grid_frame(&mut random);
     // Cells about as long as the edges to come, but no longer than the thinnest limb needs.
     let spacing = 2.0 / (params.vertices as f64).sqrt();
     let cell = spacing.min(1.1 * surface.thinnest());
-    let (vertices, faces) = grid::march(
-        |p| surface.level(p),
-        |p, r| surface.clear(p, r),
-        surface.bounds(),
-        cell,
-        frame,
-    );
+    let (vertices, faces) =
+        grid::march(|p| surface.level(p), |p, r| surface.clear(p, r), surface.bounds(), cell, frame);
     let mesh = Remesher::new(&surface, &motions, &vertices, &faces).run(params.vertices);
     let census = topology::census(&mesh.posed, &mesh.faces).map_err(CreatureError::Mesh)?;
     if !census.is_closed_manifold() || census.euler != [2] {
         return Err(CreatureError::NotASphere);
     }
     let nearest = NearestVertex::new(&mesh.rest);
-    let landmark = |&(name, near): &(&'static str, [f64; 3])| {
-        nearest
-            .nearest(surface.project(near))
-            .map(|(v, _)| (name, v))
-    };
-    let landmarks = surface
-        .skeleton
-        .landmarks
-        .iter()
-        .filter_map(landmark)
-        .collect();
-    Ok(Creature {
-        vertices: mesh.posed,
-        faces: mesh.faces,
-        rest: mesh.rest,
-        landmarks,
-    })
+    let landmark =
+        |&(name, near): &(&'static str, [f64; 3])| nearest.nearest(surface.project(near)).map(|(v, _)| (name, v));
+    let landmarks = surface.skeleton.landmarks.iter().filter_map(landmark).collect();
+    Ok(Creature { vertices: mesh.posed, faces: mesh.faces, rest: mesh.rest, landmarks })
 }
 
 /// For each vertex of `from` the vertex of `to` that shows nearly the same place: nearest at rest, the lowest index among
@@ -153,19 +118,12 @@ pub fn generate(params: &CreatureParams) -> Result<Creature, CreatureError> {
 #[must_use]
 pub fn correspondence(from: &Creature, to: &Creature) -> Vec<u32> {
     let tree = NearestVertex::new(&to.rest);
-    from.rest
-        .iter()
-        .filter_map(|&p| tree.nearest(p).map(|(v, _)| v))
-        .collect()
+    from.rest.iter().filter_map(|&p| tree.nearest(p).map(|(v, _)| v)).collect()
 }
 
 /// For each vertex the vertex nearest to its left-right mirror image at rest: the ground truth of the symmetry.
 #[must_use]
 pub fn mirror_twins(creature: &Creature) -> Vec<u32> {
     let tree = NearestVertex::new(&creature.rest);
-    creature
-        .rest
-        .iter()
-        .filter_map(|&[x, y, z]| tree.nearest([-x, y, z]).map(|(v, _)| v))
-        .collect()
+    creature.rest.iter().filter_map(|&[x, y, z]| tree.nearest([-x, y, z]).map(|(v, _)| v)).collect()
 }

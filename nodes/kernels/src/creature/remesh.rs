@@ -49,25 +49,12 @@ impl<'a> Remesher<'a> {
     ) -> Self {
         let rest: Vec<[f64; 3]> = vertices.iter().map(|&p| surface.project(p)).collect();
         let (posed, thickness) = rest.iter().map(|&p| surface.posed(motions, p)).unzip();
-        Self {
-            surface,
-            motions,
-            mesh: Surgery::new(vertices.len(), faces),
-            rest,
-            posed,
-            thickness,
-            thick: 0.0,
-        }
+        Self { surface, motions, mesh: Surgery::new(vertices.len(), faces), rest, posed, thickness, thick: 0.0 }
     }
 
     /// Remeshes to `count` vertices of about equal spacing.
     pub(super) fn run(mut self, count: usize) -> Remeshed {
-        let live = self
-            .mesh
-            .faces
-            .iter()
-            .zip(&self.mesh.alive)
-            .filter(|(_, alive)| **alive);
+        let live = self.mesh.faces.iter().zip(&self.mesh.alive).filter(|(_, alive)| **alive);
         let area: f64 = live.map(|(f, _)| norm(self.normal(*f)) / 2.0).sum();
         // A vertex of a regular triangulation has two triangles of area sqrt(3)/4 L^2.
         let mut edge = (area / (count as f64 * 0.75f64.sqrt())).sqrt();
@@ -93,11 +80,7 @@ impl<'a> Remesher<'a> {
         }
         let (kept, faces) = self.mesh.finish();
         let take = |points: &[[f64; 3]]| kept.iter().map(|&v| points[v as usize]).collect();
-        Remeshed {
-            rest: take(&self.rest),
-            posed: take(&self.posed),
-            faces,
-        }
+        Remeshed { rest: take(&self.rest), posed: take(&self.posed), faces }
     }
 
     fn count(&self) -> usize {
@@ -112,11 +95,7 @@ impl<'a> Remesher<'a> {
     /// Squared length of an edge, magnified where limbs are thin.
     fn length2(&self, a: u32, b: u32) -> f64 {
         let (a, b) = (a as usize, b as usize);
-        self.sized(
-            distance2(self.posed[a], self.posed[b]),
-            self.thickness[a],
-            self.thickness[b],
-        )
+        self.sized(distance2(self.posed[a], self.posed[b]), self.thickness[a], self.thickness[b])
     }
 
     fn sized(&self, length2: f64, r: f64, s: f64) -> f64 {
@@ -126,14 +105,8 @@ impl<'a> Remesher<'a> {
 
     /// The edges whose squared magnified length is in `range`, ascending.
     fn by_length(&self, range: std::ops::Range<f64>) -> Vec<(f64, [u32; 2])> {
-        let measured = self
-            .mesh
-            .edges()
-            .into_iter()
-            .map(|[a, b]| (self.length2(a, b), [a, b]));
-        let mut edges: Vec<(f64, [u32; 2])> = measured
-            .filter(|(length2, _)| range.contains(length2))
-            .collect();
+        let measured = self.mesh.edges().into_iter().map(|[a, b]| (self.length2(a, b), [a, b]));
+        let mut edges: Vec<(f64, [u32; 2])> = measured.filter(|(length2, _)| range.contains(length2)).collect();
         edges.sort_unstable_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
         edges
     }
@@ -146,11 +119,7 @@ impl<'a> Remesher<'a> {
     fn place(&self, near: [f64; 3]) -> Place {
         let rest = self.surface.project(near);
         let (posed, thickness) = self.surface.posed(self.motions, rest);
-        Place {
-            rest,
-            posed,
-            thickness,
-        }
+        Place { rest, posed, thickness }
     }
 
     fn put(&mut self, v: u32, place: &Place) {
@@ -189,17 +158,9 @@ impl<'a> Remesher<'a> {
                 let length2 = distance2(place.posed, self.posed[w as usize]);
                 self.sized(length2, place.thickness, self.thickness[w as usize])
             };
-            let too_long = |v: u32| {
-                self.mesh
-                    .ring(v)
-                    .0
-                    .into_iter()
-                    .any(|w| reach2(w) > longest * longest)
-            };
-            let fits = |v: u32, other: u32| {
-                self.mesh
-                    .move_keeps_normals(&self.posed, v, other, place.posed, TURN, FLATTEST)
-            };
+            let too_long = |v: u32| self.mesh.ring(v).0.into_iter().any(|w| reach2(w) > longest * longest);
+            let fits =
+                |v: u32, other: u32| self.mesh.move_keeps_normals(&self.posed, v, other, place.posed, TURN, FLATTEST);
             if too_long(a) || too_long(b) || !fits(a, b) || !fits(b, a) {
                 continue;
             }
@@ -238,17 +199,9 @@ impl<'a> Remesher<'a> {
         }
         let corners = self.mesh.faces[left.face as usize];
         let put = |old: u32, new: u32| corners.map(|v| if v == old { new } else { v });
-        let before = add(
-            self.normal(corners),
-            self.normal(self.mesh.faces[right.face as usize]),
-        );
-        let after = [
-            self.normal(put(b, right.far)),
-            self.normal(put(a, right.far)),
-        ];
-        after
-            .iter()
-            .all(|&n| dot(n, before) > 0.8 * norm(n) * norm(before))
+        let before = add(self.normal(corners), self.normal(self.mesh.faces[right.face as usize]));
+        let after = [self.normal(put(b, right.far)), self.normal(put(a, right.far))];
+        after.iter().all(|&n| dot(n, before) > 0.8 * norm(n) * norm(before))
     }
 
     /// Moves each vertex to the area-weighted centroid of its faces, on the surface.
@@ -266,10 +219,7 @@ impl<'a> Remesher<'a> {
                 continue;
             }
             let place = self.place(scale(sum, 1.0 / weight));
-            if self
-                .mesh
-                .move_keeps_normals(&self.posed, v, u32::MAX, place.posed, TURN, FLATTEST)
-            {
+            if self.mesh.move_keeps_normals(&self.posed, v, u32::MAX, place.posed, TURN, FLATTEST) {
                 self.put(v, &place);
             }
         }

@@ -24,13 +24,7 @@ pub enum Species {
 
 impl Species {
     /// All of them, in order.
-    pub const ALL: [Self; 5] = [
-        Self::Cat,
-        Self::Horse,
-        Self::Bear,
-        Self::Giraffe,
-        Self::Lizard,
-    ];
+    pub const ALL: [Self; 5] = [Self::Cat, Self::Horse, Self::Bear, Self::Giraffe, Self::Lizard];
 }
 
 /// Lengths and radii in torso lengths; `rise` angles in degrees above the horizontal.
@@ -149,31 +143,14 @@ impl Skeleton {
     /// The skeleton of an individual at rest. It is symmetric about x = 0, bone by bone.
     pub(super) fn new(species: Species, seed: u64) -> Self {
         let p = proportions(species).varied(seed, species);
-        let mut skeleton = Self {
-            bones: Vec::new(),
-            landmarks: Vec::new(),
-        };
-        let hips = skeleton.bone(
-            None,
-            [0.0, p.height, -0.4],
-            [0.0, p.height, 0.0],
-            [p.rump, 0.93 * p.chest],
-            [[0.0; 2]; 3],
-        );
+        let mut skeleton = Self { bones: Vec::new(), landmarks: Vec::new() };
+        let hips =
+            skeleton.bone(None, [0.0, p.height, -0.4], [0.0, p.height, 0.0], [p.rump, 0.93 * p.chest], [[0.0; 2]; 3]);
         let range = [both(8.0), both(12.0), both(6.0)];
-        let chest = skeleton.bone(
-            Some(hips),
-            [0.0, p.height, 0.0],
-            [0.0, p.height, 0.4],
-            [0.93 * p.chest, p.chest],
-            range,
-        );
-        skeleton
-            .landmarks
-            .push(("back", [0.0, p.height + p.chest, 0.0]));
-        skeleton
-            .landmarks
-            .push(("belly", [0.0, p.height - p.chest, 0.0]));
+        let chest =
+            skeleton.bone(Some(hips), [0.0, p.height, 0.0], [0.0, p.height, 0.4], [0.93 * p.chest, p.chest], range);
+        skeleton.landmarks.push(("back", [0.0, p.height + p.chest, 0.0]));
+        skeleton.landmarks.push(("belly", [0.0, p.height - p.chest, 0.0]));
         skeleton.head(&p, chest);
         skeleton.tail(&p, hips);
         skeleton.legs(&p, chest, true);
@@ -190,13 +167,7 @@ impl Skeleton {
         range: [[f64; 2]; 3],
     ) -> usize {
         let index = self.bones.len();
-        self.bones.push(Bone {
-            parent: parent.unwrap_or(index),
-            start,
-            end,
-            radius,
-            range,
-        });
+        self.bones.push(Bone { parent: parent.unwrap_or(index), start, end, radius, range });
         index
     }
 
@@ -204,46 +175,21 @@ impl Skeleton {
         let base = [0.0, p.height + 0.3 * p.chest, 0.4 + 0.3 * p.chest];
         let nape = add(base, scale(heading(p.neck_rise), p.neck_length));
         let range = [both(20.0), both(22.0), both(8.0)];
-        let neck = self.bone(
-            Some(chest),
-            base,
-            nape,
-            [1.15 * p.neck, 0.85 * p.neck],
-            range,
-        );
-        let brow = add(
-            nape,
-            scale(heading(0.3 * p.neck_rise - 20.0), p.head_length),
-        );
+        let neck = self.bone(Some(chest), base, nape, [1.15 * p.neck, 0.85 * p.neck], range);
+        let brow = add(nape, scale(heading(0.3 * p.neck_rise - 20.0), p.head_length));
         let range = [both(18.0), both(20.0), both(10.0)];
         let head = self.bone(Some(neck), nape, brow, [p.head, 0.85 * p.head], range);
         let ahead = heading(0.3 * p.neck_rise - 32.0);
         let nose = add(brow, scale(ahead, p.snout_length));
-        self.bone(
-            Some(head),
-            brow,
-            nose,
-            [1.1 * p.snout, 0.85 * p.snout],
-            [[0.0; 2]; 3],
-        );
-        self.landmarks
-            .push(("nose", add(nose, scale(ahead, p.snout))));
+        self.bone(Some(head), brow, nose, [1.1 * p.snout, 0.85 * p.snout], [[0.0; 2]; 3]);
+        self.landmarks.push(("nose", add(nose, scale(ahead, p.snout))));
         if p.ear_length <= 0.0 {
             return;
         }
         for (side, name) in [(1.0, "ear +x"), (-1.0, "ear -x")] {
             let root = add(nape, [side * 0.5 * p.head, 0.6 * p.head, 0.0]);
-            let tip = add(
-                root,
-                [side * 0.35 * p.ear_length, p.ear_length + 0.3 * p.head, 0.0],
-            );
-            self.bone(
-                Some(head),
-                root,
-                tip,
-                [1.1 * p.ear, 0.75 * p.ear],
-                [both(8.0), both(5.0), both(8.0)],
-            );
+            let tip = add(root, [side * 0.35 * p.ear_length, p.ear_length + 0.3 * p.head, 0.0]);
+            self.bone(Some(head), root, tip, [1.1 * p.ear, 0.75 * p.ear], [both(8.0), both(5.0), both(8.0)]);
             self.landmarks.push((name, add(tip, [0.0, p.ear, 0.0])));
         }
     }
@@ -252,8 +198,7 @@ impl Skeleton {
         // Backward is forward turned by half a circle.
         let along = heading(180.0 - p.tail_rise);
         let base = [0.0, p.height + 0.4 * p.rump, -0.4 - 0.5 * p.rump];
-        let joints = [0.0, 1.0, 2.0, 3.0]
-            .map(|k| add(base, scale(along, 0.5 * p.rump + p.tail_length * k / 3.0)));
+        let joints = [0.0, 1.0, 2.0, 3.0].map(|k| add(base, scale(along, 0.5 * p.rump + p.tail_length * k / 3.0)));
         let mut parent = hips;
         for k in 0..3 {
             let start = if k == 0 { base } else { joints[k] };
@@ -266,31 +211,19 @@ impl Skeleton {
                 [both(18.0), both(28.0), [0.0; 2]],
             );
         }
-        self.landmarks
-            .push(("tail", add(joints[3], scale(along, 0.7 * p.tail))));
+        self.landmarks.push(("tail", add(joints[3], scale(along, 0.7 * p.tail))));
     }
 
     fn legs(&mut self, p: &Proportions, parent: usize, front: bool) {
         let (z, knee_z, radius, names) = if front {
-            (
-                0.38,
-                -0.03,
-                0.9 * p.leg,
-                [("front paw +x", "elbow +x"), ("front paw -x", "elbow -x")],
-            )
+            (0.38, -0.03, 0.9 * p.leg, [("front paw +x", "elbow +x"), ("front paw -x", "elbow -x")])
         } else {
-            (
-                -0.40,
-                0.05,
-                p.leg,
-                [("hind paw +x", "knee +x"), ("hind paw -x", "knee -x")],
-            )
+            (-0.40, 0.05, p.leg, [("hind paw +x", "knee +x"), ("hind paw -x", "knee -x")])
         };
         // The thicker the leg, the more a swing would stretch the skin about the hip.
         let swing = (1.6 / p.leg).min(20.0);
         for (side, (paw, joint)) in [1.0, -1.0].into_iter().zip(names) {
-            let at =
-                |spread: f64, y: f64, dz: f64| [side * (p.stance + spread * p.splay), y, z + dz];
+            let at = |spread: f64, y: f64, dz: f64| [side * (p.stance + spread * p.splay), y, z + dz];
             let hip = at(-0.2, p.height - 0.2 * p.chest, 0.0);
             let knee = at(0.6, 0.5 * p.height, knee_z);
             let ankle = at(1.0, 1.3 * p.ankle, -0.3 * knee_z);
@@ -309,16 +242,9 @@ impl Skeleton {
                 [0.5 * (radius + p.ankle), p.ankle],
                 [[-6.0, 32.0], [0.0; 2], [0.0; 2]],
             );
-            self.bone(
-                Some(lower),
-                ankle,
-                toe,
-                [1.05 * p.ankle; 2],
-                [both(18.0), [0.0; 2], [0.0; 2]],
-            );
+            self.bone(Some(lower), ankle, toe, [1.05 * p.ankle; 2], [both(18.0), [0.0; 2], [0.0; 2]]);
             self.landmarks.push((paw, add(toe, [0.0, 0.0, p.ankle])));
-            self.landmarks
-                .push((joint, add(knee, [0.0, 0.0, radius.copysign(knee_z)])));
+            self.landmarks.push((joint, add(knee, [0.0, 0.0, radius.copysign(knee_z)])));
         }
     }
 
@@ -343,11 +269,7 @@ impl Skeleton {
     fn drawn(&self, random: &mut Random, amplitude: f64) -> Vec<Motion> {
         let mut motions: Vec<Motion> = Vec::with_capacity(self.bones.len());
         for (index, bone) in self.bones.iter().enumerate() {
-            let mut motion = if bone.parent == index {
-                Motion::IDENTITY
-            } else {
-                motions[bone.parent]
-            };
+            let mut motion = if bone.parent == index { Motion::IDENTITY } else { motions[bone.parent] };
             for (axis, [low, high]) in bone.range.into_iter().enumerate() {
                 let angle = amplitude * (low + (high - low) * random.unit());
                 motion = motion.after(&Motion::turn(axis, angle.to_radians(), bone.start));
@@ -364,11 +286,7 @@ impl Skeleton {
             .flat_map(|(bone, motion)| {
                 [0.0, 0.25, 0.5, 0.75, 1.0].map(|t| {
                     let rest = lerp(bone.start, bone.end, t);
-                    (
-                        rest,
-                        motion.apply(rest),
-                        bone.radius[0] + t * (bone.radius[1] - bone.radius[0]),
-                    )
+                    (rest, motion.apply(rest), bone.radius[0] + t * (bone.radius[1] - bone.radius[0]))
                 })
             })
             .collect();

@@ -23,10 +23,7 @@ pub(super) fn rotate(q: [f64; 4], p: [f64; 3]) -> [f64; 3] {
 }
 
 impl Motion {
-    pub(super) const IDENTITY: Self = Self {
-        real: [1.0, 0.0, 0.0, 0.0],
-        dual: [0.0; 4],
-    };
+    pub(super) const IDENTITY: Self = Self { real: [1.0, 0.0, 0.0, 0.0], dual: [0.0; 4] };
 
     /// The turn by `angle` radians about the coordinate axis through `center`.
     pub(super) fn turn(axis: usize, angle: f64, center: [f64; 3]) -> Self {
@@ -40,24 +37,15 @@ impl Motion {
 
     /// This motion after `first`.
     pub(super) fn after(&self, first: &Self) -> Self {
-        let (p, q) = (
-            multiply(self.real, first.dual),
-            multiply(self.dual, first.real),
-        );
-        Self {
-            real: multiply(self.real, first.real),
-            dual: [0, 1, 2, 3].map(|k| p[k] + q[k]),
-        }
+        let (p, q) = (multiply(self.real, first.dual), multiply(self.dual, first.real));
+        Self { real: multiply(self.real, first.real), dual: [0, 1, 2, 3].map(|k| p[k] + q[k]) }
     }
 
     /// The image of a point.
     pub(super) fn apply(&self, p: [f64; 3]) -> [f64; 3] {
         let [w, x, y, z] = self.real;
         let shift = multiply(self.dual, [w, -x, -y, -z]);
-        add(
-            rotate(self.real, p),
-            scale([shift[1], shift[2], shift[3]], 2.0),
-        )
+        add(rotate(self.real, p), scale([shift[1], shift[2], shift[3]], 2.0))
     }
 
     /// The blend of motions by weights, not all zero; the identity if none has weight.
@@ -65,11 +53,7 @@ impl Motion {
         let (mut real, mut dual) = ([0.0; 4], [0.0; 4]);
         for (motion, &weight) in motions.iter().zip(weights) {
             // A quaternion and its negative are one rotation; turns stay below half a circle, so the real part tells them apart.
-            let weight = if motion.real[0] < 0.0 {
-                -weight
-            } else {
-                weight
-            };
+            let weight = if motion.real[0] < 0.0 { -weight } else { weight };
             for k in 0..4 {
                 real[k] += weight * motion.real[k];
                 dual[k] += weight * motion.dual[k];
@@ -80,10 +64,7 @@ impl Motion {
             return Self::IDENTITY;
         }
         // Scaling both parts is enough: the stray component of `dual` along `real` drops out when applied.
-        Self {
-            real: real.map(|x| x / length),
-            dual: dual.map(|x| x / length),
-        }
+        Self { real: real.map(|x| x / length), dual: dual.map(|x| x / length) }
     }
 }
 
@@ -95,10 +76,7 @@ mod tests {
     #[test]
     fn turns_compose_and_fix_their_centre() {
         let c = [0.3, -1.0, 2.0];
-        let (a, b) = (
-            Motion::turn(0, 0.7, c),
-            Motion::turn(2, -1.1, [1.0, 0.0, 0.5]),
-        );
+        let (a, b) = (Motion::turn(0, 0.7, c), Motion::turn(2, -1.1, [1.0, 0.0, 0.5]));
         assert!(distance(a.apply(c), c) < 1e-14);
         let p = [0.9, 0.1, -0.4];
         assert!(distance(a.after(&b).apply(p), a.apply(b.apply(p))) < 1e-14);

@@ -60,12 +60,7 @@ impl Axis {
         let radius = self.radius + t * self.taper;
         // Bounded on the axis itself, where the field has its pole.
         let nearness = radius * radius / dot(offset, offset).max(1e-12 * radius * radius);
-        View {
-            along,
-            offset,
-            radius,
-            nearness,
-        }
+        View { along, offset, radius, nearness }
     }
 
     /// Gradient of `rho^2`.
@@ -158,11 +153,7 @@ impl RestSurface {
 
     /// The least radius of a bone: what a grid must resolve.
     pub(super) fn thinnest(&self) -> f64 {
-        self.skeleton
-            .bones
-            .iter()
-            .flat_map(|b| b.radius)
-            .fold(f64::INFINITY, f64::min)
+        self.skeleton.bones.iter().flat_map(|b| b.radius).fold(f64::INFINITY, f64::min)
     }
 
     /// Where a rest point goes when the bones move, and how thick the body is there (a radius). Near a joint, motions and
@@ -177,22 +168,14 @@ impl RestSurface {
             sum += weight;
             thickness += weight * view.radius;
         }
-        (
-            Motion::blend(motions, &weights).apply(p),
-            thickness / sum.max(f64::MIN_POSITIVE),
-        )
+        (Motion::blend(motions, &weights).apply(p), thickness / sum.max(f64::MIN_POSITIVE))
     }
 
     /// A random rotation (unit quaternion) and offset of a grid.
     pub(super) fn grid_frame(random: &mut Random) -> ([f64; 4], [f64; 3]) {
         let offset = [random.unit(), random.unit(), random.unit()];
         loop {
-            let q = [
-                random.signed(),
-                random.signed(),
-                random.signed(),
-                random.signed(),
-            ];
+            let q = [random.signed(), random.signed(), random.signed(), random.signed()];
             let length2 = q.iter().map(|x| x * x).sum::<f64>();
             if (0.01..=1.0).contains(&length2) {
                 return (q.map(|x| x / length2.sqrt()), offset);

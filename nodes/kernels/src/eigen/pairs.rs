@@ -36,18 +36,11 @@ impl Pairs {
     }
 
     /// The largest residual of the first `wanted` pairs, relative to their values, and whether those of *all* pairs are within bounds.
-    pub fn worst_residual(
-        &self,
-        problem: &Problem<'_>,
-        wanted: usize,
-        tolerance: f64,
-    ) -> (f64, bool) {
+    pub fn worst_residual(&self, problem: &Problem<'_>, wanted: usize, tolerance: f64) -> (f64, bool) {
         let (mut worst, mut fine) = (0.0f64, true);
         for (j, &value) in self.values.iter().enumerate() {
             let (norm, rounding) = problem.residual(value, self.v.col_as_slice(j));
-            fine &= value > 0.0
-                && norm <= (tolerance * value).max(ROUNDING * rounding)
-                && norm.is_finite();
+            fine &= value > 0.0 && norm <= (tolerance * value).max(ROUNDING * rounding) && norm.is_finite();
             if j < wanted {
                 worst = worst.max(norm / value);
             }
@@ -63,8 +56,7 @@ impl Pairs {
         let mut squares = vec![0.0f64; problem.nullity()];
         for i in 0..problem.n() {
             if let Some((label, unit)) = problem.null_entry(i) {
-                squares[label] +=
-                    (problem.stiffness.row_sum(i) * unit / problem.root[i].powi(2)).powi(2);
+                squares[label] += (problem.stiffness.row_sum(i) * unit / problem.root[i].powi(2)).powi(2);
             }
         }
         squares.iter().fold(0.0f64, |worst, s| worst.max(s.sqrt())) / first
@@ -84,14 +76,7 @@ impl Pairs {
         let mut change = self.y.clone();
         problem.project_out_kernel(change.as_mut());
         change -= &self.y;
-        let norm = |j: usize| {
-            change
-                .col_as_slice(j)
-                .iter()
-                .map(|x| x * x)
-                .sum::<f64>()
-                .sqrt()
-        };
+        let norm = |j: usize| change.col_as_slice(j).iter().map(|x| x * x).sum::<f64>().sqrt();
         (0..change.ncols()).fold(worst, |worst, j| worst.max(norm(j)))
     }
 }
@@ -110,19 +95,11 @@ pub(super) fn place_cut(values: &[f64], wanted: usize, available: usize) -> Opti
     }
     let mut best: Option<Cut> = None;
     for position in wanted..values.len() {
-        let below = if position == 0 {
-            0.0
-        } else {
-            values[position - 1]
-        };
+        let below = if position == 0 { 0.0 } else { values[position - 1] };
         let above = values[position];
         let width = (above - below) / above;
         if width > best.as_ref().map_or(NARROW, |b| b.width) {
-            best = Some(Cut {
-                position,
-                value: 0.5 * (below + above),
-                width,
-            });
+            best = Some(Cut { position, value: 0.5 * (below + above), width });
         }
         if width > WIDE {
             break;
@@ -130,10 +107,6 @@ pub(super) fn place_cut(values: &[f64], wanted: usize, available: usize) -> Opti
     }
     // No gap, but nothing above either: any cut above the last.
     let all = values.len() == available;
-    let above_all = || Cut {
-        position: available,
-        value: 2.0 * values.last().copied().unwrap_or(1.0),
-        width: 0.5,
-    };
+    let above_all = || Cut { position: available, value: 2.0 * values.last().copied().unwrap_or(1.0), width: 0.5 };
     best.or_else(|| all.then(above_all))
 }

@@ -21,11 +21,7 @@ const ORTHOGONALITY: f64 = 1e-10;
 const ROUNDS: usize = 40;
 
 /// When vectors turn out dependent, or no cut exists, there is nothing to count.
-const UNCERTIFIED: EigenError = EigenError::NotCertified {
-    expected: 0,
-    found: 0,
-    residual: f64::NAN,
-};
+const UNCERTIFIED: EigenError = EigenError::NotCertified { expected: 0, found: 0, residual: f64::NAN };
 
 /// See [`super::eigenpairs`]; without a kernel, all eigenvalues count as positive.
 pub(crate) fn solve(
@@ -35,10 +31,7 @@ pub(crate) fn solve(
     hooks: &dyn Hooks,
 ) -> Result<Eigenpairs, EigenError> {
     check(problem, k, options)?;
-    let hooks = &Forward {
-        hooks,
-        reached: Cell::new(0.0),
-    };
+    let hooks = &Forward { hooks, reached: Cell::new(0.0) };
     hooks.progress(0.0);
     if hooks.cancelled() {
         return Err(EigenError::Cancelled);
@@ -47,16 +40,8 @@ pub(crate) fn solve(
     let available = problem.n() - nullity;
     let factorizer = Factorizer::new(problem)?;
     let wanted = k.saturating_sub(nullity);
-    let mut attempt = Attempt {
-        problem,
-        factorizer: &factorizer,
-        options,
-        hooks,
-        k,
-        wanted,
-        extra: 6 + wanted / 16,
-        number: 0,
-    };
+    let mut attempt =
+        Attempt { problem, factorizer: &factorizer, options, hooks, k, wanted, extra: 6 + wanted / 16, number: 0 };
     loop {
         match attempt.run() {
             Ok((pairs, certificate)) => {
@@ -172,15 +157,8 @@ impl Attempt<'_> {
             let fresh = self.lanczos(&factor, &pairs.y, more, round)?;
             pairs = self.refined(&factor, side_by_side(&pairs.y, &fresh))?;
         }
-        let residual = pairs
-            .worst_residual(self.problem, self.wanted, self.options.tolerance)
-            .0;
-        Err(EigenError::NotCertified {
-            expected: worst.0,
-            found: worst.1,
-            residual,
-        }
-        .into())
+        let residual = pairs.worst_residual(self.problem, self.wanted, self.options.tolerance).0;
+        Err(EigenError::NotCertified { expected: worst.0, found: worst.1, residual }.into())
     }
 
     /// The lowest vectors of a full decomposition, past the first gap above the wanted ones.
@@ -188,11 +166,8 @@ impl Attempt<'_> {
         let (mut values, vectors) = symmetric_eigen(lifted(self.problem).as_ref())?;
         let available = self.problem.n() - self.problem.nullity();
         values.truncate(available);
-        let past_gap =
-            place_cut(&values, self.wanted, available).map_or(available, |cut| cut.position + 1);
-        Ok(vectors
-            .subcols(0, want.max(past_gap).min(available))
-            .to_owned())
+        let past_gap = place_cut(&values, self.wanted, available).map_or(available, |cut| cut.position + 1);
+        Ok(vectors.subcols(0, want.max(past_gap).min(available)).to_owned())
     }
 
     fn lanczos(
@@ -228,10 +203,7 @@ impl Attempt<'_> {
             }
             y = refine(self.problem, factor, &y)?.ok_or(UNCERTIFIED)?;
             let pairs = Pairs::sorted(self.problem, &y);
-            if pairs
-                .worst_residual(self.problem, self.wanted, self.options.tolerance)
-                .1
-            {
+            if pairs.worst_residual(self.problem, self.wanted, self.options.tolerance).1 {
                 return Ok(pairs);
             }
         }
@@ -247,33 +219,21 @@ impl Attempt<'_> {
         rounds: usize,
     ) -> Result<(Pairs, Certificate), Failure> {
         let found = self.problem.nullity() + cut.position;
-        let (residual, fine) =
-            pairs.worst_residual(self.problem, self.wanted, self.options.tolerance);
+        let (residual, fine) = pairs.worst_residual(self.problem, self.wanted, self.options.tolerance);
         let orthogonality = pairs.orthogonality_error(self.problem);
         if !fine || orthogonality > ORTHOGONALITY {
-            return Err(EigenError::NotCertified {
-                expected,
-                found,
-                residual,
-            }
-            .into());
+            return Err(EigenError::NotCertified { expected, found, residual }.into());
         }
         // The spectrum around the last pair asked for, zeros included.
         let nullity = self.problem.nullity();
         let value = |i: usize| {
-            if i < nullity {
-                Some(0.0)
-            } else {
-                pairs.values.get(i - nullity).copied()
-            }
+            if i < nullity { Some(0.0) } else { pairs.values.get(i - nullity).copied() }
         };
-        let gap_above = value(self.k).zip(value(self.k - 1)).map(|(next, last)| {
-            if next > 0.0 {
-                (next - last) / next
-            } else {
-                0.0
-            }
-        });
+        let gap_above = value(self.k).zip(value(self.k - 1)).map(
+            |(next, last)| {
+                if next > 0.0 { (next - last) / next } else { 0.0 }
+            },
+        );
         let certificate = Certificate {
             method,
             cut: cut.value / self.problem.area,

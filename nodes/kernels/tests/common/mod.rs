@@ -15,17 +15,13 @@ pub fn icosphere(levels: usize) -> Mesh {
             points.extend([[0.0, a, b], [a, b, 0.0], [b, 0.0, a]]);
         }
     }
-    let distance =
-        |a: [f64; 3], b: [f64; 3]| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt();
+    let distance = |a: [f64; 3], b: [f64; 3]| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt();
     let mut faces = Vec::new();
     for i in 0..12 {
         for j in i + 1..12 {
             for k in j + 1..12 {
                 let edges = [(i, j), (j, k), (k, i)];
-                if edges
-                    .iter()
-                    .all(|&(a, b)| (distance(points[a], points[b]) - 2.0).abs() < 1e-9)
-                {
+                if edges.iter().all(|&(a, b)| (distance(points[a], points[b]) - 2.0).abs() < 1e-9) {
                     faces.push([i as u32, j as u32, k as u32]);
                 }
             }
@@ -56,21 +52,13 @@ pub fn icosphere(levels: usize) -> Mesh {
 
 /// A height field over the product of two ascending lists of coordinates; cells are split along alternating diagonals.
 pub fn tensor_grid(x: &[f64], y: &[f64], height: impl Fn(f64, f64) -> f64) -> Mesh {
-    let points = y
-        .iter()
-        .flat_map(|&y| x.iter().map(move |&x| (x, y)))
-        .map(|(x, y)| [x, y, height(x, y)])
-        .collect();
+    let points = y.iter().flat_map(|&y| x.iter().map(move |&x| (x, y))).map(|(x, y)| [x, y, height(x, y)]).collect();
     let mut faces = Vec::new();
     for j in 0..y.len() - 1 {
         for i in 0..x.len() - 1 {
             let a = (j * x.len() + i) as u32;
             let (b, c, d) = (a + 1, a + x.len() as u32, a + 1 + x.len() as u32);
-            faces.extend(if (i + j) % 2 == 0 {
-                [[a, b, d], [a, d, c]]
-            } else {
-                [[a, b, c], [b, d, c]]
-            });
+            faces.extend(if (i + j) % 2 == 0 { [[a, b, d], [a, d, c]] } else { [[a, b, c], [b, d, c]] });
         }
     }
     (points, faces)
@@ -78,9 +66,7 @@ pub fn tensor_grid(x: &[f64], y: &[f64], height: impl Fn(f64, f64) -> f64) -> Me
 
 /// `cells + 1` equidistant coordinates from 0 to `length`.
 pub fn uniform(cells: usize, length: f64) -> Vec<f64> {
-    (0..=cells)
-        .map(|i| length * i as f64 / cells as f64)
-        .collect()
+    (0..=cells).map(|i| length * i as f64 / cells as f64).collect()
 }
 
 /// A torus of p x q vertices whose tube is modulated, so that no eigenvalue is multiple.
@@ -90,11 +76,7 @@ pub fn bumpy_torus(p: usize, q: usize) -> Mesh {
         for i in 0..p {
             let (u, v) = (TAU * i as f64 / p as f64, TAU * j as f64 / q as f64);
             let tube = 0.4 * (1.0 + 0.2 * (3.0 * u).sin() * (2.0 * v).cos() + 0.1 * (u + v).cos());
-            points.push([
-                (1.0 + tube * v.cos()) * u.cos(),
-                (1.0 + tube * v.cos()) * u.sin(),
-                tube * v.sin(),
-            ]);
+            points.push([(1.0 + tube * v.cos()) * u.cos(), (1.0 + tube * v.cos()) * u.sin(), tube * v.sin()]);
         }
     }
     (points, periodic_faces(p, q, 0))
@@ -116,35 +98,24 @@ pub fn periodic_faces(p: usize, q: usize, shear: usize) -> Vec<[u32; 3]> {
 
 /// Edge lengths for [`periodic_faces`] on the flat torus of cells hx x hy, opposite each corner.
 pub fn periodic_lengths(p: usize, q: usize, shear: usize, hx: f64, hy: f64) -> Vec<[f64; 3]> {
-    let (ac, ad) = (
-        (hx * (shear + 1) as f64).hypot(hy),
-        (hx * shear as f64).hypot(hy),
-    );
+    let (ac, ad) = ((hx * (shear + 1) as f64).hypot(hy), (hx * shear as f64).hypot(hy));
     // Corners a, b, c: opposite a is b-c, parallel to a-d. Corners a, c, d: opposite a is c-d, of length hx.
-    (0..p * q)
-        .flat_map(|_| [[ad, ac, hx], [hx, ad, ac]])
-        .collect()
+    (0..p * q).flat_map(|_| [[ad, ac, hx], [hx, ad, ac]]).collect()
 }
 
 /// The exact eigenvalues of the p x q five-point stencil on the flat torus, ascending.
 pub fn flat_torus_values(p: usize, q: usize, hx: f64, hy: f64) -> Vec<f64> {
-    let one =
-        |i: usize, n: usize, h: f64| (2.0 / h * (TAU * i as f64 / n as f64 / 2.0).sin()).powi(2);
-    let mut values: Vec<f64> = (0..p)
-        .flat_map(|i| (0..q).map(move |j| one(i, p, hx) + one(j, q, hy)))
-        .collect();
+    let one = |i: usize, n: usize, h: f64| (2.0 / h * (TAU * i as f64 / n as f64 / 2.0).sin()).powi(2);
+    let mut values: Vec<f64> = (0..p).flat_map(|i| (0..q).map(move |j| one(i, p, hx) + one(j, q, hy))).collect();
     values.sort_by(f64::total_cmp);
     values
 }
 
 /// The exact eigenvalues of the five-point stencil on a rectangle, with free (from index 0) or fixed (from index 1) sides.
 pub fn rectangle_values(p: usize, q: usize, hx: f64, hy: f64, fixed: bool) -> Vec<f64> {
-    let one =
-        |i: usize, n: usize, h: f64| (2.0 / h * (TAU * i as f64 / n as f64 / 4.0).sin()).powi(2);
+    let one = |i: usize, n: usize, h: f64| (2.0 / h * (TAU * i as f64 / n as f64 / 4.0).sin()).powi(2);
     let range = |n: usize| if fixed { 1..n } else { 0..n + 1 };
-    let mut values: Vec<f64> = range(p)
-        .flat_map(|i| range(q).map(move |j| one(i, p, hx) + one(j, q, hy)))
-        .collect();
+    let mut values: Vec<f64> = range(p).flat_map(|i| range(q).map(move |j| one(i, p, hx) + one(j, q, hy))).collect();
     values.sort_by(f64::total_cmp);
     values
 }
@@ -153,19 +124,12 @@ pub fn rectangle_values(p: usize, q: usize, hx: f64, hy: f64, fixed: bool) -> Ve
 pub fn union(a: &Mesh, b: &Mesh) -> Mesh {
     let offset = a.0.len() as u32;
     let points = a.0.iter().chain(&b.0).copied().collect();
-    let faces =
-        a.1.iter()
-            .copied()
-            .chain(b.1.iter().map(|f| f.map(|v| v + offset)))
-            .collect();
+    let faces = a.1.iter().copied().chain(b.1.iter().map(|f| f.map(|v| v + offset))).collect();
     (points, faces)
 }
 
 pub fn scaled(mesh: &Mesh, factor: f64) -> Mesh {
-    (
-        mesh.0.iter().map(|p| p.map(|x| factor * x)).collect(),
-        mesh.1.clone(),
-    )
+    (mesh.0.iter().map(|p| p.map(|x| factor * x)).collect(), mesh.1.clone())
 }
 
 /// Numbers in [-1/2, 1/2) that only look random.
@@ -177,9 +141,8 @@ pub fn noise(i: usize) -> f64 {
 
 /// A rectangle with jittered inner vertices and hills.
 pub fn rough_patch(p: usize, q: usize) -> Mesh {
-    let (mut points, faces) = tensor_grid(&uniform(p, 1.3), &uniform(q, 1.0), |x, y| {
-        0.2 * (5.0 * x).sin() * (4.0 * y).cos()
-    });
+    let (mut points, faces) =
+        tensor_grid(&uniform(p, 1.3), &uniform(q, 1.0), |x, y| 0.2 * (5.0 * x).sin() * (4.0 * y).cos());
     for (i, point) in points.iter_mut().enumerate() {
         point[0] += 0.5 * noise(3 * i) / p as f64;
         point[1] += 0.5 * noise(3 * i + 1) / q as f64;
@@ -198,11 +161,7 @@ pub fn jacobi_eigenvalues(mut a: Vec<Vec<f64>>) -> Vec<f64> {
                     continue;
                 }
                 let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
-                let t = if theta == 0.0 {
-                    1.0
-                } else {
-                    theta.signum() / (theta.abs() + theta.hypot(1.0))
-                };
+                let t = if theta == 0.0 { 1.0 } else { theta.signum() / (theta.abs() + theta.hypot(1.0)) };
                 let c = 1.0 / t.hypot(1.0);
                 let s = t * c;
                 for row in &mut a {
