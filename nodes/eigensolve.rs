@@ -160,7 +160,7 @@ impl Node for Eigensolve {
 
     fn run(params: &Params, In { operator }: In, cx: Context) -> Result<Eigenpairs, NodeError> {
         let found = eigen::eigenpairs(&operator.0, params.pairs as usize, &Options::default(), &ContextHooks(cx))
-            .map_err(explain)?;
+            .map_err(|e| explain(&e))?;
         cx.record("rounds", found.certificate.rounds);
         let c = found.certificate;
         let method = match c.method {
@@ -183,7 +183,7 @@ impl Node for Eigensolve {
     }
 }
 
-fn explain(e: EigenError) -> NodeError {
+fn explain(e: &EigenError) -> NodeError {
     match e {
         EigenError::Cancelled => NodeError::cancelled(),
         EigenError::TooMany { available, .. } => {
