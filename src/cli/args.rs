@@ -113,6 +113,9 @@ pub struct CheckArgs {
     /// Graph files
     #[arg(required = true)]
     pub graphs: Vec<PathBuf>,
+    /// Replace a param first, as `run` does
+    #[arg(long = "set", value_name = "NAME=RON")]
+    pub sets: Vec<String>,
     /// Print one JSON document
     #[arg(long)]
     pub json: bool,

@@ -15,7 +15,7 @@ use crate::diagnostics::Diagnostics;
 use crate::engine::forecast::{Forecast, Verdict};
 use crate::engine::why::{Cause, Explanation, why};
 use crate::graph::picture::{to_dot, to_mermaid};
-use crate::graph::{Overrides, Plan};
+use crate::graph::{OPEN_INPUT, Overrides, Plan};
 
 /// Plans a graph, or says all that is wrong with it.
 pub fn load(choice: &GraphChoice, registry: &Registry) -> Result<Plan, Fail> {
@@ -52,9 +52,10 @@ pub fn find(plan: &Plan, address: &str) -> Result<NodeIndex, Fail> {
 /// `salient check`.
 pub fn check(args: &CheckArgs, registry: &Registry) -> Result<(), Fail> {
     let (mut documents, mut wrong) = (Vec::new(), false);
+    let overrides = Overrides { sets: args.sets.clone(), variants: None };
     for file in &args.graphs {
         let name = file.display().to_string();
-        match crate::graph::plan(file, &Overrides::default(), registry) {
+        match crate::graph::plan(file, &overrides, registry) {
             Ok(plan) if args.json => documents.push(json!({
                 "graph": name,
                 "ok": true,
@@ -66,6 +67,15 @@ pub fn check(args: &CheckArgs, registry: &Registry) -> Result<(), Fail> {
                 let (nodes, results) = (plan.dag.node_count(), plan.show.len());
                 let sizes = format!("{}, {}", count(nodes, "node"), count(results, "result"));
                 print(format!("{name}: {sizes}\n").as_bytes())?;
+            }
+            // Open inputs are all that keeps it from running: a graph for others to call.
+            Err(diagnostics) if diagnostics.iter().all(|d| d.code == OPEN_INPUT) => {
+                let inputs = diagnostics.iter().map(|d| diagnostics.text(d)).collect::<Vec<_>>();
+                if args.json {
+                    documents.push(json!({ "graph": name, "ok": true, "inputs": inputs, "diagnostics": [] }));
+                } else {
+                    print(format!("{name}: a graph to be called, with the input {}\n", inputs.join(", ")).as_bytes())?;
+                }
             }
             Err(diagnostics) => {
                 wrong = true;
