@@ -125,7 +125,7 @@ impl Walk<'_, '_> {
                 }
                 continue;
             };
-            for value in self.wired(port.arity, port.name, value) {
+            for (position, value) in self.wired(port.arity, port.name, value).into_iter().enumerate() {
                 let Some(from) = self.target(used, scope, &value) else {
                     torn = true;
                     continue;
@@ -142,11 +142,9 @@ impl Walk<'_, '_> {
                     torn = true;
                     continue;
                 }
-                let label = if port.arity == Arity::Many && !from.all {
-                    value.string(self.report).map(|n| n.text).unwrap_or_default()
-                } else {
-                    String::new()
-                };
+                // Labels are part of a key, names of nodes are not.
+                let many = port.arity == Arity::Many && !from.all;
+                let label = if many { position.to_string() } else { String::new() };
                 links.push(Link { port: at, from, label, span: value.span });
             }
         }
