@@ -84,7 +84,7 @@ impl Walk<'_, '_> {
                 };
                 let made = self.flats[target.flat].kind.node.output().name;
                 if made != artefact.text {
-                    let message = format!("the input `{}` takes a {}, but this is a {made}", name.text, artefact.text);
+                    let message = format!("the input `{}` takes `{}`, but this is `{made}`", name.text, artefact.text);
                     self.wrong_type(value.span, message, &artefact.text, (parent, None));
                     used.broken.insert((scope, i));
                 }
@@ -102,7 +102,7 @@ impl Walk<'_, '_> {
             let makers = self.kinds.makers(wanted);
             format!("a {wanted} is made by {}", makers.join(", "))
         } else {
-            format!("nodes here that make a {wanted}: {}", names.join(", "))
+            format!("nodes here that make `{wanted}`: {}", names.join(", "))
         };
         self.report.error(span, "wrong-type", message).hint(hint);
     }
@@ -121,7 +121,7 @@ impl Walk<'_, '_> {
                     let span = self.flats[flat].span;
                     self.report
                         .error(span, "missing-input", message)
-                        .hint(format!("add `{name}: \"..\"`, the name of a node that makes a {artefact}"));
+                        .hint(format!("add `{name}: \"..\"`, the name of a node that makes `{artefact}`"));
                 }
                 continue;
             };
@@ -133,7 +133,7 @@ impl Walk<'_, '_> {
                 let made = self.flats[from.flat].kind.node.output().name;
                 if made != port.artefact {
                     let message = format!(
-                        "`{}` of `{}` takes a {}, but this is a {made}",
+                        "`{}` of `{}` takes `{}`, but this is `{made}`",
                         port.name,
                         kind.node.kind(),
                         port.artefact

@@ -113,7 +113,7 @@ impl PortValues {
                 let typed = value
                     .into_any()
                     .downcast::<T>()
-                    .map_err(|_| NodeError::new(format!("`{port}` takes a {}, but a {found} is wired", T::TYPE)))?;
+                    .map_err(|_| NodeError::new(format!("`{port}` takes `{}`, but `{found}` is wired", T::TYPE)))?;
                 Ok((label, typed))
             })
             .collect()
