@@ -159,7 +159,10 @@ impl Artefact for Evaluation {
             ("right", line(&self.plain, "nothing was matched")),
             (
                 "up to symmetry",
-                line(&self.symmetric, if self.mirror.is_some() { "nothing was matched" } else { "no symmetry is known" }),
+                line(
+                    &self.symmetric,
+                    if self.mirror.is_some() { "nothing was matched" } else { "no symmetry is known" },
+                ),
             ),
         ]
     }

@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use salient_kernels::laplacian::{self, Operator as Matrices};
+use salient_kernels::laplacian::{self, LaplacianError, Operator as Matrices};
 use salient_kernels::sparse::SymmetricCsr;
 use salient_sdk::{
     Artefact, Context, Decoder, Encoder, FormatError, Inputs, Mesh, Node, NodeError, Port, PortValues, Table,
@@ -141,9 +141,26 @@ impl Node for Laplacian {
     fn run(params: &Params, In { mesh }: In, _: Context) -> Result<Operator, NodeError> {
         let area = params.area.into();
         let matrices = laplacian::laplacian(&mesh.vertices, &mesh.faces, area, params.intrinsic_delaunay)
-            .map_err(|e| NodeError::new(format!("the mesh has no Laplacian: {e}")).help(REPAIR))?;
+            .map_err(|e| explain(&e))?;
         Ok(Operator(matrices))
     }
 }
 
-const REPAIR: &str = "`load` can repair a mesh: `drop_degenerate`, `drop_unreferenced`, `weld`, `largest_component`";
+/// What is wrong with the mesh, and which repair mends it.
+fn explain(e: &LaplacianError) -> NodeError {
+    let error = NodeError::new(format!("the mesh has no Laplacian: {e}"));
+    match e {
+        LaplacianError::ZeroAreaFace { .. } | LaplacianError::RepeatedVertex { .. } => error
+            .help("add `drop_degenerate: true, drop_unreferenced: true` to the mesh's `load`, which removes all faces without area, and vertices that only they had"),
+        LaplacianError::UnreferencedVertex { .. } => {
+            error.help("add `drop_unreferenced: true` to the mesh's `load`, which removes all vertices without a face")
+        }
+        LaplacianError::NonManifoldEdge { .. } | LaplacianError::NotOrientable { .. } => {
+            error.help("`intrinsic_delaunay: false` works on such a mesh")
+        }
+        LaplacianError::NotPositive { .. } | LaplacianError::DelaunayStalled { .. } => {
+            error.help("scale the mesh to ordinary units, and mend triangles that are needles")
+        }
+        _ => error,
+    }
+}

@@ -131,6 +131,9 @@ impl Format {
             "ply" => Ok(Self::Ply),
             "stl" => Ok(Self::Stl),
             "gltf" | "glb" => Ok(Self::Gltf),
+            "" => {
+                Err(NodeError::new("a file without extension, which says the format: obj, off, ply, stl, gltf or glb"))
+            }
             other => Err(NodeError::new(format!("`.{other}` is none of obj, off, ply, stl, gltf, glb"))),
         }
     }

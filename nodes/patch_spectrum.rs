@@ -150,8 +150,7 @@ impl Artefact for Features {
             entry["why"] = json!(self.descriptors[i].as_ref().err());
             entry
         };
-        let list: Vec<Value> = (0..self.features.len()).map(entry).collect();
-        json!({ "features": list, "area": self.area })
+        (0..self.features.len()).map(entry).collect()
     }
 
     fn summary(&self) -> Vec<(&'static str, String)> {

@@ -37,10 +37,11 @@ fn overview(registry: &Registry) -> String {
     table(&rows, 0, &[]) + "\n`salient nodes KIND` documents one in full.\n"
 }
 
-/// Up to the first full stop that a capital letter follows: `eq. 10` goes on.
+/// Up to the first full stop before a capital letter: `eq. 10` goes on.
 fn first_sentence(doc: &str) -> &str {
-    let ends = |at: &usize| doc[at + 2..].starts_with(char::is_uppercase);
-    doc.match_indices(". ").map(|(at, _)| at).find(ends).map_or(doc, |end| &doc[..end])
+    let mut stops = doc.match_indices(". ");
+    let end = stops.find(|(at, _)| doc[at + 2..].starts_with(char::is_uppercase));
+    end.map_or(doc, |(at, _)| &doc[..at])
 }
 
 fn document(node: &'static dyn AnyNode) -> String {

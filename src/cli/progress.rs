@@ -113,9 +113,10 @@ fn line(event: &Event) -> Option<String> {
         Event::Finished { node, kind, seconds: time, .. } => {
             Some(format!("computed {node} ({kind}) in {} s", seconds(*time)))
         }
-        Event::Failed { node, kind, message, help } => {
+        Event::Failed { node, kind, files, message, help } => {
+            let files = if files.is_empty() { String::new() } else { format!(" on {}", files.join(", ")) };
             let help = help.as_ref().map(|help| format!("\n  help: {help}")).unwrap_or_default();
-            Some(format!("failed {node} ({kind}): {message}{help}"))
+            Some(format!("failed {node} ({kind}){files}: {message}{help}"))
         }
         Event::Skipped { node, kind, because } => Some(format!("skipped {node} ({kind}) because of {because}")),
         Event::CacheCorrupt { node, path } => {

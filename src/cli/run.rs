@@ -79,9 +79,18 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<(), Fail> {
     let cache = args.cache.open()?;
     let wanted: Vec<_> = plan.show.iter().map(|shown| shown.call).collect();
     let outcome = compute(&plan, &wanted, &cache, &args.effort, args.json)?;
+    match tell(args, &plan, &outcome, &cache) {
+        // A reader who has seen enough does not make a failed run a good one.
+        Ok(()) | Err(Fail::Pipe) => verdict(&outcome),
+        Err(fail) => Err(fail),
+    }
+}
+
+/// Prints and writes what a run found.
+fn tell(args: &RunArgs, plan: &Plan, outcome: &Outcome, cache: &Cache) -> Result<(), Fail> {
     let mut lines = Vec::new();
     for shown in &plan.show {
-        let Some(found) = result(&plan, &outcome, shown, &cache)? else { continue };
+        let Some(found) = result(plan, outcome, shown, cache)? else { continue };
         if args.json {
             lines.push(found.json());
         } else {
@@ -95,10 +104,10 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<(), Fail> {
         json_line(&json!({ "event": "results", "results": lines }))?;
     } else {
         // Times vary from run to run, so they are not among the results.
-        complain(&format!("\n{}", stages(&plan, &outcome)));
+        complain(&format!("\n{}", stages(plan, outcome)));
         complain(&totals(&outcome.totals, outcome.seconds));
     }
-    verdict(&outcome)
+    Ok(())
 }
 
 /// `salient get`.

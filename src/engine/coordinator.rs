@@ -307,7 +307,8 @@ impl<'a> Coordinator<'a> {
         }
         let (node, kind) = self.title(call);
         let (message, help) = (error.message.clone(), error.help.clone());
-        self.emit(&Event::Failed { node: node.clone(), kind, message, help });
+        let files = self.shared.plan.dag[call].files.values().map(|path| path.display().to_string()).collect();
+        self.emit(&Event::Failed { node: node.clone(), kind, files, message, help });
         self.at(call).state = Some(State::Failed(error));
         self.let_go(call);
         self.skip_after(call, &node);

@@ -64,6 +64,8 @@ pub enum Event {
         node: String,
         /// Its kind.
         kind: String,
+        /// The files that its params name.
+        files: Vec<String>,
         /// What is wrong.
         message: String,
         /// What to do about it.

@@ -140,9 +140,11 @@ impl Binder {
             let full = tidy(&text.map_or(&flat.dir, |t| &t.dir).join(path));
             if !*self.exists.entry(full.clone()).or_insert_with(|| full.is_file()) {
                 all = false;
-                let what = if full.is_dir() { "is a folder" } else { "does not exist" };
-                let message = format!("the file {} {what}", full.display());
-                let hint = similar(&full);
+                let (message, hint) = if full.is_dir() {
+                    (format!("{} is a folder, not a file", full.display()), Some("name a file in it".into()))
+                } else {
+                    (format!("the file {} does not exist", full.display()), similar(&full))
+                };
                 let span = text.map_or(flat.span, |t| t.span);
                 let error = report.error(span, "missing-file", message);
                 if let Some(hint) = hint {
@@ -172,7 +174,8 @@ fn similar(path: &Path) -> Option<String> {
     let Ok(entries) = std::fs::read_dir(folder) else {
         return Some(format!("there is no folder {}", folder.display()));
     };
-    let mut names: Vec<String> = entries.filter_map(|e| e.ok()?.file_name().into_string().ok()).collect();
+    let files = entries.filter_map(Result::ok).filter(|e| e.path().is_file());
+    let mut names: Vec<String> = files.filter_map(|e| e.file_name().into_string().ok()).collect();
     names.sort();
     did_you_mean(name, names.iter().map(String::as_str))
 }
@@ -196,7 +199,7 @@ fn explain(report: &mut Diagnostics, flat: &Flat, text: Option<&Text>, error: &P
         let choices = info.form.split(" | ").map(|c| c.trim_end_matches("(..)"));
         let is_choice = info.form.contains(" | ");
         let near = if is_choice { did_you_mean(word, choices) } else { None };
-        near.unwrap_or_else(|| format!("`{}` is {}: {}", info.name, info.form, first_sentence(&info.doc)))
+        near.unwrap_or_else(|| format!("`{}` ({}): {}", info.name, info.form, first_sentence(&info.doc)))
     });
     let message = match (text, error.span.is_empty()) {
         (Some(_), false) => format!("`{}`: {}", error.param, lower(&error.message)),

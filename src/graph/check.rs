@@ -84,7 +84,7 @@ impl Walk<'_, '_> {
                 };
                 let made = self.flats[target.flat].kind.node.output().name;
                 if made != artefact.text {
-                    let message = format!("the input `{}` takes a {}, but this is a {made}", name.text, artefact.text);
+                    let message = format!("the input `{}` takes `{}`, but this is `{made}`", name.text, artefact.text);
                     self.wrong_type(value.span, message, &artefact.text, (parent, None));
                     used.broken.insert((scope, i));
                 }
@@ -102,7 +102,7 @@ impl Walk<'_, '_> {
             let makers = self.kinds.makers(wanted);
             format!("a {wanted} is made by {}", makers.join(", "))
         } else {
-            format!("nodes here that make a {wanted}: {}", names.join(", "))
+            format!("nodes here that make `{wanted}`: {}", names.join(", "))
         };
         self.report.error(span, "wrong-type", message).hint(hint);
     }
@@ -121,11 +121,11 @@ impl Walk<'_, '_> {
                     let span = self.flats[flat].span;
                     self.report
                         .error(span, "missing-input", message)
-                        .hint(format!("add `{name}: \"..\"`, the name of a node that makes a {artefact}"));
+                        .hint(format!("add `{name}: \"..\"`, the name of a node that makes `{artefact}`"));
                 }
                 continue;
             };
-            for value in self.wired(port.arity, port.name, value) {
+            for (position, value) in self.wired(port.arity, port.name, value).into_iter().enumerate() {
                 let Some(from) = self.target(used, scope, &value) else {
                     torn = true;
                     continue;
@@ -133,7 +133,7 @@ impl Walk<'_, '_> {
                 let made = self.flats[from.flat].kind.node.output().name;
                 if made != port.artefact {
                     let message = format!(
-                        "`{}` of `{}` takes a {}, but this is a {made}",
+                        "`{}` of `{}` takes `{}`, but this is `{made}`",
                         port.name,
                         kind.node.kind(),
                         port.artefact
@@ -142,11 +142,9 @@ impl Walk<'_, '_> {
                     torn = true;
                     continue;
                 }
-                let label = if port.arity == Arity::Many && !from.all {
-                    value.string(self.report).map(|n| n.text).unwrap_or_default()
-                } else {
-                    String::new()
-                };
+                // Labels are part of a key, names of nodes are not.
+                let many = port.arity == Arity::Many && !from.all;
+                let label = if many { position.to_string() } else { String::new() };
                 links.push(Link { port: at, from, label, span: value.span });
             }
         }

@@ -309,7 +309,7 @@ impl<'a, 'r> Walk<'a, 'r> {
                 let (name, artefact) = (&name.text, &artefact.text);
                 self.report
                     .error(node.kind.span, "missing-input", format!("the input `{name}` is not wired"))
-                    .hint(format!("add `{name}: \"..\"`, the name of a node that makes a {artefact}"));
+                    .hint(format!("add `{name}: \"..\"`, the name of a node that makes `{artefact}`"));
             }
         }
         let settable: Vec<&str> = params.iter().copied().chain(["file"]).collect();

@@ -29,7 +29,8 @@ pub struct Call {
 pub struct Wire {
     /// The port's name.
     pub port: &'static str,
-    /// For a port that takes many: the label of the instance on its axis.
+    /// For a port that takes many: the label of the instance on its axis, or the position in a list of wires.
+    /// It is part of the key, so it never holds a node's name.
     pub label: String,
 }
 

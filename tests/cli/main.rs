@@ -1,5 +1,8 @@
-//! The command line with toy nodes: `examples/own_nodes.rs`.
+//! The command line: here with toy nodes (`examples/own_nodes.rs`), in the modules with the real ones.
 #![allow(clippy::unwrap_used)]
+
+mod executed;
+mod real;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
@@ -236,7 +239,7 @@ fn exit_codes() {
     let failed = desk.call(&["run", "g.ron"]);
     assert_eq!(failed.status.code(), Some(1));
     let stderr = text(&failed.stderr);
-    assert!(stderr.contains("failed a (read): `what` is not a number\n  help: write one"), "{stderr}");
+    assert!(stderr.contains("failed a (read) on a.txt: `what` is not a number\n  help: write one"), "{stderr}");
     assert!(stderr.contains("1 failed, 3 skipped"), "{stderr}");
     desk.write("bad.ron", "(format: 1, nodes: {\n    \"a\": raed(path: \"a.txt\"),\n}, show: [\"a\"])\n");
     assert_eq!(code(&["check", "g.ron"]), 0);

@@ -105,10 +105,14 @@ impl<'a> Context<'a> {
             }
         };
         std::thread::scope(|scope| {
-            for _ in 0..extra.count {
-                scope.spawn(work);
-            }
+            let threads: Vec<_> = (0..extra.count).map(|_| scope.spawn(work)).collect();
             work();
+            // A scope that joins by itself replaces the message of a panic by one of its own.
+            for thread in threads {
+                if let Err(panic) = thread.join() {
+                    std::panic::resume_unwind(panic);
+                }
+            }
         });
         let taken = results.into_iter().map_while(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner));
         taken.collect()

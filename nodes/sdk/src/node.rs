@@ -116,12 +116,16 @@ impl<N: Node> AnyNode for N {
         let params: N::Params = params::parse(fields)?;
         let canonical = serde_json::to_value(&params)
             .map_err(|e| vec![ParamError { param: String::new(), span: 0..0, message: e.to_string() }])?;
-        let mut errors = params::out_of_range(&params::infos(&self.schema()), &canonical);
-        errors.extend(N::check(&params).into_iter().map(|(param, message)| ParamError {
+        let mut errors = params::not_finite(&params);
+        let mut others = params::out_of_range(&params::infos(&self.schema()), &canonical);
+        others.extend(N::check(&params).into_iter().map(|(param, message)| ParamError {
             param: param.to_owned(),
             span: 0..0,
             message,
         }));
+        // A number that is none is in no range either: it is enough to say the former.
+        others.retain(|other| errors.iter().all(|e| e.param != other.param));
+        errors.extend(others);
         if errors.is_empty() { Ok(Arc::new(Bound::<N> { params, canonical })) } else { Err(errors) }
     }
 }

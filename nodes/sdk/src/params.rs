@@ -178,6 +178,30 @@ fn within((name, text): &(&str, &str), error: &ron::error::SpannedError) -> Rang
     if start < end { start..end } else { 0..text.len() }
 }
 
+/// Finds params with a NaN or an infinity in them. JSON has neither and writes `null`, as it does for `None`, so
+/// different params would have one key.
+#[must_use]
+pub fn not_finite(params: &impl Serialize) -> Vec<ParamError> {
+    let written = ron::to_string(params).ok().and_then(|text| ron::from_str(&text).ok());
+    let Some(ron::Value::Map(fields)) = written else { return Vec::new() };
+    let error = |(name, value): (&ron::Value, &ron::Value)| {
+        let ron::Value::String(name) = name else { return None };
+        let message = format!("`{name}` must be a finite number");
+        (!is_finite(value)).then(|| ParamError { param: name.clone(), span: 0..0, message })
+    };
+    fields.iter().filter_map(error).collect()
+}
+
+fn is_finite(value: &ron::Value) -> bool {
+    match value {
+        ron::Value::Number(number) => number.into_f64().is_finite(),
+        ron::Value::Option(inner) => inner.as_deref().is_none_or(is_finite),
+        ron::Value::Seq(values) => values.iter().all(is_finite),
+        ron::Value::Map(fields) => fields.iter().all(|(name, value)| is_finite(name) && is_finite(value)),
+        _ => true,
+    }
+}
+
 /// Checks every number against its range in the schema.
 #[must_use]
 pub fn out_of_range(infos: &[ParamInfo], params: &Value) -> Vec<ParamError> {

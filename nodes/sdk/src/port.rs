@@ -13,7 +13,7 @@ pub enum Arity {
     One,
     /// None or one.
     Optional,
-    /// Any number, each with a label (the name of its instance on an axis).
+    /// Any number, each with a label: the name of its instance on an axis, or its position in a list of wires.
     Many,
 }
 
@@ -88,7 +88,7 @@ pub struct PortValues(BTreeMap<String, Vec<Labelled>>);
 type Labelled = (String, Arc<dyn AnyArtefact>);
 
 impl PortValues {
-    /// Wires one more artefact to a port; `label` names its instance on an axis (or is empty).
+    /// Wires one more artefact to a port; `label` is as in [`Arity::Many`], else empty.
     pub fn push(&mut self, port: &str, label: &str, value: Arc<dyn AnyArtefact>) {
         self.0.entry(port.to_owned()).or_default().push((label.to_owned(), value));
     }
@@ -113,7 +113,7 @@ impl PortValues {
                 let typed = value
                     .into_any()
                     .downcast::<T>()
-                    .map_err(|_| NodeError::new(format!("`{port}` takes a {}, but a {found} is wired", T::TYPE)))?;
+                    .map_err(|_| NodeError::new(format!("`{port}` takes `{}`, but `{found}` is wired", T::TYPE)))?;
                 Ok((label, typed))
             })
             .collect()

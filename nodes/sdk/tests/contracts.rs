@@ -31,6 +31,12 @@ struct Params {
     /// Optional count.
     #[serde(default)]
     count: Option<u32>,
+    /// A direction.
+    #[serde(default)]
+    toward: (f64, f64, f64),
+    /// A limit.
+    #[serde(default)]
+    limit: Option<f64>,
     /// Weighting.
     #[serde(default = "uniform")]
     weight: Weight,
@@ -154,6 +160,24 @@ fn every_wrong_param_is_found_with_its_place() {
 }
 
 #[test]
+fn numbers_that_json_cannot_say_are_refused_wherever_they_stand() {
+    let path = ("path", "\"a.obj\"");
+    assert_eq!(bind(&[path, ("limit", "None"), ("weight", "By(0.5)"), ("toward", "(0, 1e300, -1)")]), []);
+    for (name, text) in [
+        ("radius", "NaN"),
+        ("radius", "1e999"),
+        ("limit", "inf"),
+        ("limit", "Some(-inf)"),
+        ("toward", "(0, NaN, 0)"),
+        ("weight", "By(inf)"),
+    ] {
+        let errors = bind(&[path, (name, text)]);
+        assert_eq!(errors.len(), 1, "{name}: {text}: {errors:?}");
+        assert_eq!((errors[0].0.as_str(), errors[0].1.contains("finite")), (name, true), "{errors:?}");
+    }
+}
+
+#[test]
 fn the_place_of_an_error_is_inside_its_value() {
     let text = "  By( /* heavy */ \"x\")";
     let errors = bind(&[("path", "\"a\""), ("weight", text)]);
@@ -199,6 +223,26 @@ fn the_first_failing_item_is_the_one_reported() {
             .map(&items, |i, _| if i % 100 == 42 { Err(NodeError::new(format!("item {i}"))) } else { Ok(i) });
         assert_eq!(result.unwrap_err().message, "item 42");
     }
+}
+
+#[test]
+fn a_panic_on_a_borrowed_worker_keeps_its_message() {
+    let here = std::thread::current().id();
+    let host = TestHost::with_workers(2);
+    let began = std::sync::atomic::AtomicBool::new(false);
+    let elsewhere = |_, (): &()| {
+        if std::thread::current().id() != here {
+            began.store(true, std::sync::atomic::Ordering::SeqCst);
+            panic!("item 7 is bad");
+        }
+        while !began.load(std::sync::atomic::Ordering::SeqCst) {
+            std::thread::yield_now();
+        }
+        Ok(())
+    };
+    let map = || Context::new(&host).map(&[(); 64], elsewhere).map(drop);
+    let panic = std::panic::catch_unwind(std::panic::AssertUnwindSafe(map)).unwrap_err();
+    assert_eq!(panic.downcast_ref::<&str>(), Some(&"item 7 is bad"));
 }
 
 #[test]

@@ -61,9 +61,9 @@ unknown-kind @sorce@ there is no kind of node `sorce` | did you mean `source`?
 unknown-field @pth@ `source` has no port or param `pth` | did you mean `path`?
 missing-param @source@ `source` needs the param `path` | add `path: ..`: file, The file to read.
 missing-file @"c.txt"@ the file c.txt does not exist | did you mean `a.txt`?
-bad-param @11@ `scale` is 11; it must be from 0 to 10 | `scale` is number: What to multiply by.
-bad-param @"big"@ `scale`: expected float | `scale` is number: What to multiply by.
-bad-param @3@ `path`: expected string | `path` is file: The file to read.
+bad-param @11@ `scale` is 11; it must be from 0 to 10 | `scale` (number): What to multiply by.
+bad-param @"big"@ `scale`: expected float | `scale` (number): What to multiply by.
+bad-param @3@ `path`: expected string | `path` (file): The file to read.
 duplicate @path@ there are two fields `path` | remove or rename one of them
 unknown-param @"p"@ the graph has no param `p` | there are no params of the graph here
 syntax @source("a.txt")@ a node is written as a call of its kind | for example `load(path: "cat.off")`; each field has a name
@@ -71,8 +71,8 @@ syntax @source@ a node is written as a call of its kind | for example `load(path
 duplicate @"a"@ there are two nodes `a` | remove or rename one of them
 bad-name @"b/c"@ `b/c` cannot be the name of a node | names are made of letters, digits, `_` and `-`
 unknown-node @"aa"@ there is no node `aa` | did you mean `a`?
-wrong-type @"w"@ `left` of `add` takes a number, but this is a words | nodes here that make a number: `a`
-missing-input @add@ the input `left` of `add` is not wired | add `left: ".."`, the name of a node that makes a number
+wrong-type @"w"@ `left` of `add` takes `number`, but this is `words` | nodes here that make `number`: `a`
+missing-input @add@ the input `left` of `add` is not wired | add `left: ".."`, the name of a node that makes `number`
 bad-wire @3@ a port is wired to a node | write the name of a node: `"mesh"`, `"mesh@query"` or `all("mesh")`
 bad-wire @["a"]@ `left` takes one wire, not a list | write the name of one node
 bad-wire @param("x")@ a param cannot be wired to a port | write the name of a node: `"mesh"`, `"mesh@query"` or `all("mesh")`
@@ -189,11 +189,11 @@ fn subgraphs() {
         ]
         .join("\n"),
         @r#"
-missing-input @graph@ the input `x` is not wired | add `x: ".."`, the name of a node that makes a number
-wrong-type @"w"@ the input `x` takes a number, but this is a words | nodes here that make a number: `a`
+missing-input @graph@ the input `x` is not wired | add `x: ".."`, the name of a node that makes `number`
+wrong-type @"w"@ the input `x` takes `number`, but this is `words` | nodes here that make `number`: `a`
 unknown-node @"b"@ there is no node `b` | the nodes are `a`, `s`, `w`
 unknown-field @bye@ sub.ron has no input or param `bye` | did you mean `by`?
-bad-param @"b"@ `offset`: expected float | `offset` is number: What to add.
+bad-param @"b"@ `offset`: expected float | `offset` (number): What to add.
 unreadable @"sup.ron"@ cannot read the graph sup.ron: No such file or directory (os error 2) | 
 missing-param @graph@ the subgraph call does not name its file | add `file: "sub.ron"`
 syntax @}@ a comma or a closing bracket is missing here | 
@@ -229,8 +229,8 @@ fn all_errors_at_once_in_order_and_each_once() {
     ]);
     insta::assert_snapshot!(folder.errors().join("\n"), @r#"
 missing-file @"no.txt"@ the file no.txt does not exist | 
-bad-param @99@ `scale` is 99; it must be from 0 to 10 | `scale` is number: What to multiply by.
-missing-input @sum@ the input `terms` of `sum` is not wired | add `terms: ".."`, the name of a node that makes a number
+bad-param @99@ `scale` is 99; it must be from 0 to 10 | `scale` (number): What to multiply by.
+missing-input @sum@ the input `terms` of `sum` is not wired | add `terms: ".."`, the name of a node that makes `number`
 unknown-field @term@ `sum` has no port or param `term` | did you mean `terms`?
 unknown-node @"z"@ there is no node `z` | the nodes are `a`, `f`, `g`, `é`
 unknown-field @ofset@ `add` has no port or param `ofset` | did you mean `offset`?

@@ -104,7 +104,7 @@ fn wrong_sets_point_into_their_own_text() {
         ]
         .join("\n"),
         @r#"
-bad-param @-1@ `offset` is -1; it must be at least 0 | `offset` is number: What to add.
+bad-param @-1@ `offset` is -1; it must be at least 0 | `offset` (number): What to add.
 override-unmatched @edn@ no node matches `edn` | did you mean `end`?
 unknown-param @ofset@ no node that matches `end` has a param `ofset`: `add` does not | did you mean `offset`?
 override-wire @left@ `left` of `end` is a wire, which cannot be overridden | only params can be set; change the wire in the graph file
