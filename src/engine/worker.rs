@@ -329,7 +329,8 @@ impl Host for NodeHost<'_> {
         let read =
             Read { param: param.to_owned(), beside: relative.to_owned(), digest: bytes.as_deref().map(Digest::of) };
         self.reads.lock().unwrap_or_else(PoisonError::into_inner).insert(read);
-        bytes.ok_or_else(|| sources.absent(&path))
+        let by = call.files.get(param).map(|file| file.display().to_string()).unwrap_or_default();
+        bytes.ok_or_else(|| sources.absent(&path).help(format!("{by} names it, relative to itself")))
     }
 
     fn progress(&self, fraction: f64) {

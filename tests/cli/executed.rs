@@ -99,8 +99,8 @@ fn results_do_not_depend_on_the_number_of_threads() {
     // Every object of one cache is in the other under the same name, which is its hash.
     let objects = |real: &Real| {
         let folders = files(&real.path("cache/objects"));
-        let mut names: Vec<_> = folders.iter().flat_map(|f| files(f)).collect();
-        names.iter_mut().for_each(|path| *path = path.file_name().unwrap().into());
+        let paths = folders.iter().flat_map(|f| files(f));
+        let mut names: Vec<_> = paths.map(|path| path.file_name().unwrap().to_owned()).collect();
         names.sort();
         names
     };

@@ -1,8 +1,12 @@
 //! The command line: here with toy nodes (`examples/own_nodes.rs`), in the modules with the real ones.
 #![allow(clippy::unwrap_used)]
 
+mod bad_calls;
+mod bad_meshes;
 mod executed;
 mod real;
+mod registry;
+mod values;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
@@ -144,6 +148,17 @@ fn overrides_and_edits_recompute_what_they_touch() {
     assert!(changed.contains("[12.0]"), "{changed}");
     desk.write("a.txt", "7\n");
     assert_eq!(desk.executed(), ["a", "double", "slow", "total"]);
+}
+
+#[test]
+fn the_name_of_a_node_at_a_port_of_many_is_no_input() {
+    let desk = Desk::new(1);
+    desk.ok(&["run", "g.ron"]);
+    let graph = fs::read_to_string(desk.path("g.ron")).unwrap();
+    desk.write("g.ron", &graph.replace("\"slow\"", "\"renamed\""));
+    assert!(desk.executed().is_empty());
+    desk.write("g.ron", &graph.replace("terms: \"slow\"", "terms: [\"slow\", \"double\"]"));
+    assert_eq!(desk.executed(), ["total"]);
 }
 
 #[test]
