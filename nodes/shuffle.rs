@@ -5,6 +5,7 @@
 
 use std::sync::Arc;
 
+use salient_kernels::random::Random;
 use salient_sdk::{Context, Inputs, Mesh, Node, NodeError, Port, PortValues};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -46,7 +47,7 @@ impl Node for Shuffle {
     type Output = Mesh;
 
     fn run(params: &Params, In { mesh }: In, _: Context) -> Result<Mesh, NodeError> {
-        let mut random = SplitMix(params.seed);
+        let mut random = Random::from_state(params.seed);
         let kept = random.permutation(mesh.vertices.len());
         let mut position = vec![0; kept.len()];
         for (new, old) in kept.iter().enumerate() {
@@ -55,38 +56,11 @@ impl Node for Shuffle {
         let order = random.permutation(mesh.faces.len());
         let face = |old: &u32| {
             let mut face = mesh.faces[*old as usize].map(|v| position[v as usize]);
-            face.rotate_left(random.below(3));
+            face.rotate_left(random.below(3) as usize);
             face
         };
         let faces = order.iter().map(face).collect();
         let vertices = kept.iter().map(|old| mesh.vertices[*old as usize]).collect();
         Ok(mesh.renumbered(vertices, faces, &kept))
-    }
-}
-
-/// The `SplitMix64` generator (Steele, Lea & Flood 2014): the same numbers on every machine.
-struct SplitMix(u64);
-
-impl SplitMix {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    /// A number below `n`, by multiplication of the high bits.
-    fn below(&mut self, n: usize) -> usize {
-        ((u128::from(self.next()) * n as u128) >> 64) as usize
-    }
-
-    /// A random order of 0..n (Fisher-Yates).
-    fn permutation(&mut self, n: usize) -> Vec<u32> {
-        let mut order: Vec<u32> = (0..n as u32).collect();
-        for i in (1..n).rev() {
-            order.swap(i, self.below(i + 1));
-        }
-        order
     }
 }

@@ -9,6 +9,7 @@ pub mod geodesic;
 pub mod laplacian;
 pub mod nearest;
 pub mod patch_spectrum;
+pub mod random;
 pub mod simplify;
 pub mod sparse;
 mod surgery;

@@ -2,6 +2,7 @@
 
 use super::lap::Lap;
 use super::model::Model;
+use crate::random::Random;
 
 const NONE: u32 = u32::MAX;
 
@@ -15,7 +16,7 @@ pub(super) struct Search<'a> {
     value: i64,
     tabu: Vec<u64>,
     clock: u64,
-    random: u64,
+    random: Random,
     best: i64,
     best_set: Vec<u32>,
 }
@@ -40,7 +41,7 @@ impl<'a> Search<'a> {
             value: 0,
             tabu: vec![0; m.left.len()],
             clock: 0,
-            random: seed ^ 0x9E37_79B9_7F4A_7C15,
+            random: Random::from_state(seed),
             best: i64::MIN,
             best_set: Vec::new(),
         }
@@ -89,15 +90,6 @@ impl<'a> Search<'a> {
                 break;
             }
         }
-    }
-
-    fn next_random(&mut self, below: u64) -> u64 {
-        // splitmix64
-        self.random = self.random.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.random;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        (z ^ (z >> 31)) % below.max(1)
     }
 
     fn construct(&mut self) -> bool {
@@ -167,7 +159,7 @@ impl<'a> Search<'a> {
             }
         }
         for _ in 0..moves {
-            let a = self.next_random(n) as usize;
+            let a = self.random.below(n) as usize;
             if let Some(change) = self.evaluate(a) {
                 self.apply(change);
             }
@@ -258,7 +250,7 @@ impl<'a> Search<'a> {
                 Some(known) if change.delta < known.delta => {}
                 Some(known) if change.delta == known.delta => {
                     ties += 1;
-                    if self.next_random(ties + 1) == 0 {
+                    if self.random.below(ties + 1) == 0 {
                         best = Some(change);
                     }
                 }
@@ -274,11 +266,11 @@ impl<'a> Search<'a> {
         let tenure = 4 + self.m.n_left as u64 / 4;
         for b in change.eject.into_iter().filter(|&b| b != NONE) {
             self.remove(b as usize);
-            self.tabu[b as usize] = self.clock + tenure + self.next_random(tenure);
+            self.tabu[b as usize] = self.clock + tenure + self.random.below(tenure);
         }
         for a in [change.insert, change.rejoin].into_iter().filter(|&a| a != NONE) {
             self.insert(a as usize);
-            self.tabu[a as usize] = self.clock + 2 + self.next_random(tenure / 2 + 1);
+            self.tabu[a as usize] = self.clock + 2 + self.random.below(tenure / 2 + 1);
         }
         self.note();
     }

@@ -6,7 +6,6 @@
 //! share no vertex. Every vertex carries its point on the rest surface, which is the correspondence between poses.
 
 mod grid;
-mod random;
 mod remesh;
 mod skeleton;
 mod skin;
@@ -17,8 +16,8 @@ pub use surface::RestSurface;
 
 use crate::adjacency::MeshError;
 use crate::nearest::NearestVertex;
+use crate::random::Random;
 use crate::topology;
-use random::Random;
 use remesh::Remesher;
 use std::fmt;
 

@@ -2,8 +2,8 @@
 //!
 //! Axes: x to the left-right, y up, z forward; the torso is about one unit long. Angles are in degrees.
 
-use super::random::Random;
 use super::skin::Motion;
+use crate::random::Random;
 use crate::vec3::{add, distance, lerp, scale};
 
 /// A kind of creature: a set of proportions. Shapes of one species and different seeds are individuals of it.

@@ -3,9 +3,9 @@
 //! With `rho_b` the distance from the axis of bone `b` over its radius there, the surface is `sum_b rho_b^-8 = 1`: a smooth
 //! union whose blends are short, so that limbs close to each other do not grow together.
 
-use super::random::Random;
 use super::skeleton::{Bone, Skeleton, Species};
 use super::skin::Motion;
+use crate::random::Random;
 use crate::vec3::{add, dot, scale, sub};
 
 /// Bones farther than this (in their radii) do not move a point.

@@ -4,6 +4,7 @@ use super::dense::{inner, product, symmetric_eigen};
 use super::factor::Factor;
 use super::problem::Problem;
 use super::{EigenError, Hooks};
+use crate::random::Random;
 use faer::dyn_stack::MemBuffer;
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
@@ -72,10 +73,10 @@ impl<'a> Krylov<'a> {
             starts: vec![0],
             diagonal: Vec::new(),
             below: Vec::new(),
-            random: Random(run.seed),
+            random: Random::from_state(run.seed),
             scratch: run.factor.scratch(run.block_size),
         };
-        let mut block = Mat::from_fn(n, width, |_, _| krylov.random.next());
+        let mut block = Mat::from_fn(n, width, |_, _| krylov.random.signed());
         // One inverse step: the start is smooth, as the wanted vectors are.
         run.factor.solve(block.as_mut(), &mut krylov.scratch);
         krylov.orthonormalise(&mut block);
@@ -183,7 +184,7 @@ impl<'a> Krylov<'a> {
         let n = block.nrows();
         let used = self.dimension();
         for _ in 0..3 {
-            let mut fresh = Mat::from_fn(n, 1, |_, _| self.random.next());
+            let mut fresh = Mat::from_fn(n, 1, |_, _| self.random.signed());
             let before = column_norms(fresh.as_ref())[0];
             for _ in 0..3 {
                 self.remove_known(fresh.as_mut());
@@ -288,19 +289,5 @@ fn add_column(m: &mut Mat<f64>, to: usize, from: usize, factor: f64) {
 fn scale_column(m: &mut Mat<f64>, j: usize, factor: f64) {
     for i in 0..m.nrows() {
         m[(i, j)] *= factor;
-    }
-}
-
-/// A splitmix64 generator: start blocks must be the same in every run.
-struct Random(u64);
-
-impl Random {
-    /// Uniform in [-1/2, 1/2).
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64 - 0.5
     }
 }
