@@ -45,6 +45,9 @@ use file::{Files, GraphFile};
 use flatten::{Kinds, Walk};
 use overrides::{Fate, Override, Point, Sets, applies, no_variant, unmatched};
 
+/// The code of the error that a graph can only be called by others.
+pub(crate) const OPEN_INPUT: &str = "open-input";
+
 /// Reads a graph file and makes a plan of it, or says all that is wrong with it at once.
 pub fn plan(file: &Path, overrides: &Overrides, registry: &Registry) -> Result<Plan, Diagnostics> {
     let mut planner = Planner {
@@ -95,7 +98,7 @@ impl Planner<'_> {
         let Some(file) = self.files.load(&mut self.report, path, None, &[]) else { return };
         for (name, _) in &file.inputs {
             let message = format!("the input `{}` is open: this graph can only be called", name.text);
-            self.report.error(name.span, "open-input", message).hint("call it with `graph(file: ..)`");
+            self.report.error(name.span, OPEN_INPUT, message).hint("call it with `graph(file: ..)`");
         }
         let points = overrides::points(&mut self.report, &file.variants, overrides.variants.as_deref());
         for point in &points {
