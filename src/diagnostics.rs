@@ -23,6 +23,14 @@ impl Span {
     }
 }
 
+/// A documentation up to its first full stop before a capital letter: `eq. 10` goes on.
+pub(crate) fn first_sentence(doc: &str) -> String {
+    let doc = doc.split_whitespace().collect::<Vec<_>>().join(" ");
+    let mut stops = doc.match_indices(". ");
+    let end = stops.find(|(at, _)| doc[at + 2..].starts_with(char::is_uppercase));
+    end.map_or_else(|| doc.clone(), |(at, _)| doc[..=at].to_owned())
+}
+
 /// A text that diagnostics point into.
 #[derive(Clone, Debug)]
 struct Source {

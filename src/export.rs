@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use clap::ValueEnum;
 use salient_sdk::{AnyArtefact, Decoder, FormatError, Mesh, Table};
+use serde_json::json;
 
 /// A file format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -22,6 +23,8 @@ pub enum Format {
     Ply,
     /// Its surface as OFF.
     Off,
+    /// Its surface as binary glTF, in single precision as that format has it.
+    Glb,
 }
 
 impl Format {
@@ -36,6 +39,7 @@ impl Format {
             Self::Obj => "obj",
             Self::Ply => "ply",
             Self::Off => "off",
+            Self::Glb => "glb",
         }
     }
 
@@ -51,7 +55,7 @@ impl Format {
     pub fn of(artefact: &dyn AnyArtefact) -> Vec<Self> {
         let possible = |format: &Self| match format {
             Self::Csv => artefact.table().is_some(),
-            Self::Obj | Self::Ply | Self::Off => artefact.surface().is_some(),
+            Self::Obj | Self::Ply | Self::Off | Self::Glb => artefact.surface().is_some(),
             _ => true,
         };
         Self::value_variants().iter().copied().filter(possible).collect()
@@ -63,7 +67,7 @@ pub fn export(artefact: &dyn AnyArtefact, format: Format) -> Result<Vec<u8>, For
     let lacking = |what: &str| {
         let names: Vec<_> = Format::of(artefact).into_iter().map(Format::extension).collect();
         FormatError(format!(
-            "a {} has no {what} to write as {}; it can be written as {}",
+            "`{}` has no {what} to write as {}; it can be written as {}",
             artefact.type_name(),
             format.extension(),
             names.join(", ")
@@ -82,6 +86,7 @@ pub fn export(artefact: &dyn AnyArtefact, format: Format) -> Result<Vec<u8>, For
         Format::Obj => Ok(obj(surface()?)),
         Format::Ply => Ok(ply(surface()?)),
         Format::Off => Ok(off(surface()?)),
+        Format::Glb => glb(surface()?),
     }
 }
 
@@ -133,6 +138,54 @@ fn ply(mesh: &Mesh) -> Vec<u8> {
         bytes.extend(face.iter().flat_map(|i| i.to_le_bytes()));
     }
     bytes
+}
+
+/// One mesh of one primitive: positions, then indices. glTF 2.0, sections 3.6, 3.7 and 4.4.
+fn glb(mesh: &Mesh) -> Result<Vec<u8>, FormatError> {
+    let positions: Vec<[f32; 3]> = mesh.vertices.iter().map(|p| p.map(|x| x as f32)).collect();
+    if !positions.as_flattened().iter().all(|x| x.is_finite()) {
+        return Err(FormatError("a coordinate is too large for glTF, which has single precision".into()));
+    }
+    let extreme = |of: fn(f32, f32) -> f32| {
+        let first = positions.first().copied().unwrap_or_default();
+        positions.iter().fold(first, |a, b| std::array::from_fn(|k| of(a[k], b[k])))
+    };
+    let mut binary: Vec<u8> = positions.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect();
+    let indices = binary.len();
+    binary.extend(mesh.faces.as_flattened().iter().flat_map(|i| i.to_le_bytes()));
+    let document = json!({
+        "asset": {"version": "2.0", "generator": "salient"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [
+            {
+                "bufferView": 0, "componentType": 5126, "type": "VEC3", "count": positions.len(),
+                "min": extreme(f32::min), "max": extreme(f32::max),
+            },
+            {"bufferView": 1, "componentType": 5125, "type": "SCALAR", "count": 3 * mesh.faces.len()},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": indices, "target": 34962},
+            {"buffer": 0, "byteOffset": indices, "byteLength": binary.len() - indices, "target": 34963},
+        ],
+        "buffers": [{"byteLength": binary.len()}],
+    });
+    let mut text = document.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let length =
+        |n: usize| u32::try_from(n).map_err(|_| FormatError("a GLB holds at most 4 GB; write ply instead".into()));
+    let mut bytes = b"glTF".to_vec();
+    for number in [2, length(12 + 8 + text.len() + 8 + binary.len())?, length(text.len())?] {
+        bytes.extend(number.to_le_bytes());
+    }
+    bytes.extend(b"JSON");
+    bytes.extend(text);
+    bytes.extend(length(binary.len())?.to_le_bytes());
+    bytes.extend(b"BIN\0");
+    bytes.extend(binary);
+    Ok(bytes)
 }
 
 /// The arrays of an encoded artefact, and its header as a text array, as numpy's archive.

@@ -58,7 +58,7 @@ pub struct GraphChoice {
 pub struct CacheChoice {
     /// The cache directory, which any number of processes and hosts may share [default: `SALIENT_CACHE`, else
     /// `XDG_CACHE_HOME/salient`, else `~/.cache/salient`]
-    #[arg(long = "cache", value_name = "DIR")]
+    #[arg(long = "cache", value_name = "DIR", global = true)]
     pub dir: Option<PathBuf>,
 }
 
@@ -110,10 +110,10 @@ pub struct GetArgs {
 
 #[derive(Args)]
 pub struct CheckArgs {
-    /// Graph files
+    /// Graph files; those with open inputs are checked as the subgraphs that they are
     #[arg(required = true)]
     pub graphs: Vec<PathBuf>,
-    /// Replace a param first, as `run` does
+    /// Replace a param first, as in `run`
     #[arg(long = "set", value_name = "NAME=RON")]
     pub sets: Vec<String>,
     /// Print one JSON document

@@ -7,6 +7,7 @@ use salient_sdk::{AnyNode, Arity, ParamInfo, Registry};
 use super::args::NodesArgs;
 use super::fail::Fail;
 use super::text::{print, print_json, table};
+use crate::diagnostics::first_sentence;
 
 /// `salient nodes`.
 pub fn nodes(args: &NodesArgs, registry: &Registry) -> Result<(), Fail> {
@@ -28,20 +29,12 @@ fn unknown(kind: &str, registry: &Registry) -> Fail {
 
 fn overview(registry: &Registry) -> String {
     let row = |node: &'static dyn AnyNode| {
-        let doc = node.doc().split_whitespace().collect::<Vec<_>>().join(" ");
-        let first = first_sentence(&doc);
+        let first = first_sentence(node.doc());
         let makes = format!("-> {}", node.output().name);
         vec![node.kind().to_owned(), makes, first.trim_end_matches('.').to_owned()]
     };
     let rows: Vec<_> = registry.iter().map(row).collect();
     table(&rows, 0, &[]) + "\n`salient nodes KIND` documents one in full.\n"
-}
-
-/// Up to the first full stop before a capital letter: `eq. 10` goes on.
-fn first_sentence(doc: &str) -> &str {
-    let mut stops = doc.match_indices(". ");
-    let end = stops.find(|(at, _)| doc[at + 2..].starts_with(char::is_uppercase));
-    end.map_or(doc, |(at, _)| &doc[..at])
 }
 
 fn document(node: &'static dyn AnyNode) -> String {

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use clap::ValueEnum;
 use petgraph::graph::NodeIndex;
 use salient_sdk::Registry;
 use serde_json::json;
@@ -134,6 +135,8 @@ fn format_of(file: Option<&Path>) -> Result<Format, Fail> {
     let Some(file) = file else { return Ok(Format::Json) };
     let extension = file.extension().unwrap_or_default().to_string_lossy();
     Format::of_extension(&extension).ok_or_else(|| {
-        Fail::usage(format!("no format is called `{extension}`; name one with --format for {}", file.display()))
+        let known: Vec<_> = Format::value_variants().iter().map(|format| format.extension()).collect();
+        let message = format!("the name {} does not say a format: `{extension}` is none", file.display());
+        Fail::Usage { message, help: Some(format!("name one with --format: {}", known.join(", "))) }
     })
 }

@@ -11,7 +11,7 @@ use super::axes::{Along, Axis, Item};
 use super::file::tidy;
 use super::flatten::{Arg, Flat, Kind};
 use super::syntax::string;
-use crate::diagnostics::{Diagnostics, Span, did_you_mean};
+use crate::diagnostics::{Diagnostics, Span, did_you_mean, first_sentence};
 
 /// Params of one call, typed.
 pub struct Bound {
@@ -178,11 +178,6 @@ fn similar(path: &Path) -> Option<String> {
     let mut names: Vec<String> = files.filter_map(|e| e.file_name().into_string().ok()).collect();
     names.sort();
     did_you_mean(name, names.iter().map(String::as_str))
-}
-
-fn first_sentence(doc: &str) -> &str {
-    let line = doc.lines().next().unwrap_or_default();
-    line.split_inclusive(". ").next().unwrap_or(line).trim()
 }
 
 fn explain(report: &mut Diagnostics, flat: &Flat, text: Option<&Text>, error: &ParamError) {

@@ -46,13 +46,19 @@ fn every_graph_plans() {
             PAIR => {
                 real.write("my cat.off", &creatures()[0]);
                 let sets = ["--set", "a.path=\"my cat.off\"", "--set", "b.path=\"my cat.off\""];
+                real.ok(&[&["check", PAIR][..], &sets].concat());
                 let plan = real.json(&[&["plan", PAIR, "--json"][..], &sets].concat());
                 assert_eq!(plan["calls"].as_array().unwrap().len(), 8, "both sides are one");
             }
             // A subgraph is called by others.
             "salient_features.ron" => {
-                let stderr = real.fails(2, &["check", &name]);
+                let stderr = real.fails(2, &["run", &name]);
                 assert!(stderr.contains("the input `mesh` is open: this graph can only be called"), "{stderr}");
+                assert!(text(&real.ok(&["check", &name])).contains("a subgraph with 1 open input"));
+                real.edit(&name, &[("pairs: 100", "pairs: 0")]);
+                let stderr = real.fails(2, &["check", &name]);
+                assert!(stderr.contains("`pairs` is 0") && !stderr.contains("open"), "{stderr}");
+                real.edit(&name, &[("pairs: 0", "pairs: 100")]);
             }
             _ => assert!(!real.ok(&["check", &name]).is_empty()),
         }

@@ -134,6 +134,17 @@ fn tables_and_surfaces_are_written_for_other_tools() {
         real.write("back.ron", format!("(format: 1, nodes: {{\"m\": load(path: \"{name}\")}}, show: [\"m\"])"));
         assert_eq!(real.json(&["get", "back.ron", "m"])["faces"], faces, "{format}");
     }
+    // glTF has single precision.
+    real.write("back.glb", get(&real, "a", "glb"));
+    real.write("back.ron", "(format: 1, nodes: {\"m\": load(path: \"back.glb\")}, show: [\"m\"])");
+    let back = real.json(&["get", "back.ron", "m"]);
+    assert_eq!(back["faces"], faces);
+    let single = |vertices: &Value| -> Vec<Vec<f64>> {
+        let point = |p: &Value| floats(p).into_iter().map(|x| f64::from(x as f32)).collect();
+        vertices.as_array().unwrap().iter().map(point).collect()
+    };
+    let vertices = json(&real, "a")["vertices"].clone();
+    assert!(single(&vertices) == back["vertices"].as_array().unwrap().iter().map(floats).collect::<Vec<_>>());
 
     let safetensors = get(&real, "fa/basis", "safetensors");
     let names = safetensors::SafeTensors::deserialize(&safetensors).unwrap();

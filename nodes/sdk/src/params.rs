@@ -182,8 +182,15 @@ fn within((name, text): &(&str, &str), error: &ron::error::SpannedError) -> Rang
 /// different params would have one key.
 #[must_use]
 pub fn not_finite(params: &impl Serialize) -> Vec<ParamError> {
-    let written = ron::to_string(params).ok().and_then(|text| ron::from_str(&text).ok());
-    let Some(ron::Value::Map(fields)) = written else { return Vec::new() };
+    let written = ron::to_string(params).and_then(|text| ron::from_str(&text).map_err(|e| e.code));
+    let fields = match written {
+        Ok(ron::Value::Map(fields)) => fields,
+        Ok(_) => return Vec::new(),
+        Err(e) => {
+            let message = format!("these params cannot be written as RON: {e}");
+            return vec![ParamError { param: String::new(), span: 0..0, message }];
+        }
+    };
     let error = |(name, value): (&ron::Value, &ron::Value)| {
         let ron::Value::String(name) = name else { return None };
         let message = format!("`{name}` must be a finite number");

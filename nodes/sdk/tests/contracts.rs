@@ -17,6 +17,13 @@ enum Weight {
     Uniform,
     /// By a number.
     By(f64),
+    /// Between two.
+    Between {
+        /// The lower one.
+        low: f64,
+        /// The upper one, if there is one.
+        high: Option<f64>,
+    },
 }
 
 #[derive(Serialize, Deserialize, JsonSchema)]
@@ -162,6 +169,7 @@ fn every_wrong_param_is_found_with_its_place() {
 #[test]
 fn numbers_that_json_cannot_say_are_refused_wherever_they_stand() {
     let path = ("path", "\"a.obj\"");
+    assert_eq!(bind(&[path, ("weight", "Between(low: 0, high: None)")]), []);
     assert_eq!(bind(&[path, ("limit", "None"), ("weight", "By(0.5)"), ("toward", "(0, 1e300, -1)")]), []);
     for (name, text) in [
         ("radius", "NaN"),
@@ -170,6 +178,8 @@ fn numbers_that_json_cannot_say_are_refused_wherever_they_stand() {
         ("limit", "Some(-inf)"),
         ("toward", "(0, NaN, 0)"),
         ("weight", "By(inf)"),
+        ("weight", "Between(low: -inf, high: None)"),
+        ("weight", "Between(low: 0, high: inf)"),
     ] {
         let errors = bind(&[path, (name, text)]);
         assert_eq!(errors.len(), 1, "{name}: {text}: {errors:?}");
@@ -192,7 +202,7 @@ fn params_are_documented_by_their_schema() {
     assert_eq!(find("radius").range, (Some(0.5), Some(4.0)));
     assert_eq!(find("radius").default, Some(json!(1.0)));
     assert_eq!(find("radius").doc, "Radius in units of the mesh.");
-    assert_eq!(find("weight").form, "Uniform | By(..)");
+    assert_eq!(find("weight").form, "Uniform | By(..) | Between(..)");
     assert_eq!(find("count").form, "integer");
 }
 
