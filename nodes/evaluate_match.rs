@@ -157,7 +157,13 @@ impl Artefact for Evaluation {
         vec![
             ("matches", self.matched.to_string()),
             ("right", line(&self.plain, "nothing was matched")),
-            ("up to symmetry", line(&self.symmetric, "no symmetry is known")),
+            (
+                "up to symmetry",
+                line(
+                    &self.symmetric,
+                    if self.mirror.is_some() { "nothing was matched" } else { "no symmetry is known" },
+                ),
+            ),
         ]
     }
 

@@ -57,7 +57,7 @@ pub enum Limit {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Params {
-    /// Candidates of each feature: its nearest by descriptor on the other shape. 1 to 1000, default 6.
+    /// Candidates of each feature: its nearest by descriptor on the other shape. 1 to 1000, default 3.
     #[schemars(range(min = 1, max = 1000))]
     pub candidates: u32,
     /// Weight of the descriptors' term against the relations'. At least 0, default 1 (paper).
@@ -87,7 +87,7 @@ pub struct Params {
 impl Default for Params {
     fn default() -> Self {
         Self {
-            candidates: 6,
+            candidates: 3,
             beta: 1.0,
             unit: Unit::Scale,
             sigma_descriptor: None,

@@ -1,4 +1,5 @@
 //! Eigenvalues of an OBJ file's mesh: `spectrum FILE.obj PAIRS [values]` prints size, time and certificate, and the values if asked.
+#![expect(clippy::disallowed_methods, reason = "a program, not a node")]
 
 use salient_kernels::eigen::{Options, eigenpairs};
 use salient_kernels::laplacian::{Area, is_zero_area, laplacian};

@@ -1,7 +1,7 @@
 //! Time and gap on problems made like the matcher's: planar features, noise, a common part, candidates pruned by descriptor.
 //! `cargo test --release -p salient-kernels --test assignment_measure -- --ignored --nocapture`
 
-#![expect(clippy::unwrap_used, reason = "a test file outside any test function's scope")]
+#![expect(clippy::unwrap_used, clippy::disallowed_methods, reason = "a measurement, not a node")]
 
 use salient_kernels::assignment::{Control, Limits, Problem, ProblemBuilder, Progress, solve};
 use std::cell::Cell;

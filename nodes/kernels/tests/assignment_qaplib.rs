@@ -2,7 +2,7 @@
 //! or from a directory above it).
 
 #![expect(clippy::float_cmp, reason = "exact equality is what is claimed")]
-#![expect(clippy::unwrap_used, reason = "a test file outside any test function's scope")]
+#![expect(clippy::unwrap_used, clippy::disallowed_methods, reason = "a test file, no node")]
 
 use salient_kernels::assignment::{Control, Limits, Problem, Solution, solve};
 use std::path::{Path, PathBuf};

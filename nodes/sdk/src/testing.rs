@@ -25,6 +25,7 @@ pub struct TestHost {
 impl TestHost {
     /// A host that lends `workers` extra workers.
     #[must_use]
+    #[expect(clippy::disallowed_methods, reason = "a host, not a node")]
     pub fn with_workers(workers: usize) -> Self {
         let started = Some(Instant::now());
         Self { workers: AtomicUsize::new(workers), started, ..Self::default() }

@@ -1,8 +1,9 @@
 //! The correspondence of features.
 
-use salient_nodes::iqp_match::{self, Kernel, Limit};
+use salient_nodes::cut::{self, Cut};
+use salient_nodes::iqp_match::{self, Kernel, Limit, Unit};
 
-use crate::{creature, defaults, features, matched, shuffled};
+use crate::{creature, defaults, features, matched, run, shuffled};
 
 #[test]
 fn a_shape_matches_its_renumbered_self_vertex_by_vertex() {
@@ -61,11 +62,16 @@ fn the_objective_is_the_one_of_the_paper() {
 
 #[test]
 fn rewarding_unmatched_features_rejects_weak_matches() {
-    let (a, b) = (features(&creature(0, 800), 25), features(&creature(3, 800), 25));
-    let with = |unmatched| matched(&a, &b, &iqp_match::Params { unmatched, ..defaults() }).pairs.len();
-    let (all, some, none) = (with(0.0), with(-6.0), with(-100.0));
-    assert!(all > some && some > 0, "{all} {some}");
-    assert_eq!(none, 0);
+    // A piece has features that the whole lacks, and the other way round.
+    let (whole, moved) = (creature(0, 800), creature(3, 800));
+    let piece = run::<Cut>(&cut::Params { keep: 0.6, ..defaults() }, &[("mesh", moved)]).unwrap();
+    let (a, b) = (features(&piece, 40), features(&whole, 40));
+    let shared = iqp_match::Params { unit: Unit::Length, sigma_geodesic: Some(0.05), ..defaults() };
+    let with = |unmatched| matched(&a, &b, &iqp_match::Params { unmatched, ..shared.clone() }).pairs.len();
+    let counts: Vec<usize> = [0.0, -2.0, -3.0, -4.0, -100.0].map(with).to_vec();
+    assert!(counts.is_sorted_by(|a, b| a >= b), "{counts:?}");
+    assert!(counts.iter().any(|n| (1..counts[0]).contains(n)), "{counts:?}");
+    assert_eq!(counts.last(), Some(&0));
 }
 
 #[test]
