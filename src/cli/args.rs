@@ -110,10 +110,10 @@ pub struct GetArgs {
 
 #[derive(Args)]
 pub struct CheckArgs {
-    /// Graph files; those with open inputs are checked as the subgraphs that they are
+    /// Graph files
     #[arg(required = true)]
     pub graphs: Vec<PathBuf>,
-    /// Replace a param first, as in `run`
+    /// Replace a param first, as `run` does
     #[arg(long = "set", value_name = "NAME=RON")]
     pub sets: Vec<String>,
     /// Print one JSON document

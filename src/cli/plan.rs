@@ -52,9 +52,9 @@ pub fn find(plan: &Plan, address: &str) -> Result<NodeIndex, Fail> {
 /// `salient check`.
 pub fn check(args: &CheckArgs, registry: &Registry) -> Result<(), Fail> {
     let (mut documents, mut wrong) = (Vec::new(), false);
+    let overrides = Overrides { sets: args.sets.clone(), variants: None };
     for file in &args.graphs {
         let name = file.display().to_string();
-        let overrides = Overrides { sets: args.sets.clone(), ..Overrides::default() };
         match crate::graph::plan(file, &overrides, registry) {
             Ok(plan) if args.json => documents.push(json!({
                 "graph": name,
@@ -68,21 +68,16 @@ pub fn check(args: &CheckArgs, registry: &Registry) -> Result<(), Fail> {
                 let sizes = format!("{}, {}", count(nodes, "node"), count(results, "result"));
                 print(format!("{name}: {sizes}\n").as_bytes())?;
             }
-            Err(mut diagnostics) => {
-                let all = diagnostics.len();
-                diagnostics.list.retain(|diagnostic| diagnostic.code != OPEN_INPUT);
-                let inputs = all - diagnostics.len();
-                if diagnostics.is_empty() {
-                    if args.json {
-                        documents.push(json!({ "graph": name, "ok": true, "open_inputs": inputs, "diagnostics": [] }));
-                    } else {
-                        let what = count(inputs, "open input");
-                        print(
-                            format!("{name}: a subgraph with {what}, right as far as it shows uncalled\n").as_bytes(),
-                        )?;
-                    }
-                    continue;
+            // Open inputs are all that keeps it from running: a graph for others to call.
+            Err(diagnostics) if diagnostics.iter().all(|d| d.code == OPEN_INPUT) => {
+                let inputs = diagnostics.iter().map(|d| diagnostics.text(d)).collect::<Vec<_>>();
+                if args.json {
+                    documents.push(json!({ "graph": name, "ok": true, "inputs": inputs, "diagnostics": [] }));
+                } else {
+                    print(format!("{name}: a graph to be called, with the input {}\n", inputs.join(", ")).as_bytes())?;
                 }
+            }
+            Err(diagnostics) => {
                 wrong = true;
                 if args.json {
                     let list = diagnostics.json();

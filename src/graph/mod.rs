@@ -45,8 +45,8 @@ use file::{Files, GraphFile};
 use flatten::{Kinds, Walk};
 use overrides::{Fate, Override, Point, Sets, applies, no_variant, unmatched};
 
-/// The code of the error that a graph can only be called by others.
-pub(crate) const OPEN_INPUT: &str = "open-input";
+/// The code of the error that a graph with inputs cannot run by itself.
+pub const OPEN_INPUT: &str = "open-input";
 
 /// Reads a graph file and makes a plan of it, or says all that is wrong with it at once.
 pub fn plan(file: &Path, overrides: &Overrides, registry: &Registry) -> Result<Plan, Diagnostics> {
