@@ -31,7 +31,7 @@ impl Real {
             real.write(name, off);
         }
         real.edit(PAIR, &[("a.obj", "a.off"), ("b.obj", "b.off")]);
-        real.edit("salient_features.ron", &[("pairs: 100", "pairs: 40"), ("count: 50", "count: 12")]);
+        real.edit("salient_features.ron", &[("pairs: 100", "pairs: 40"), ("\"features\": 50", "\"features\": 12")]);
         real
     }
 
