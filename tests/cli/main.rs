@@ -197,7 +197,12 @@ fn plan_names_evicted_outputs_that_are_needed() {
     assert!(plan.contains("4 evicted"), "{plan}");
     let why = desk.ok(&["plan", "g.ron", "--why", "a"]);
     assert!(why.contains("removed from the cache"), "{why}");
-    assert_eq!(desk.executed().len(), 4);
+    // `slow` hands on what `double` made: one object serves both, and if `double` was first to bring it back,
+    // `slow` need not run.
+    let executed = desk.executed();
+    for node in ["a", "double", "total"] {
+        assert!(executed.iter().any(|name| name == node), "{executed:?}");
+    }
 }
 
 #[test]
