@@ -85,14 +85,6 @@ impl Node for Cut {
 /// The nearest faces (by their farthest corner) whose areas reach the share, in their old order.
 fn nearest_faces(mesh: &Mesh, distance: &[f64], keep: f64) -> Vec<[u32; 3]> {
     let far = |f: &[u32; 3]| f.iter().map(|v| distance[*v as usize]).fold(0.0, f64::max);
-    let area = |f: &[u32; 3]| {
-        Mesh {
-            vertices: f.iter().map(|v| mesh.vertices[*v as usize]).collect(),
-            faces: vec![[0, 1, 2]],
-            ..Mesh::default()
-        }
-        .area()
-    };
     let mut order: Vec<usize> = (0..mesh.faces.len()).collect();
     order.sort_by(|a, b| far(&mesh.faces[*a]).total_cmp(&far(&mesh.faces[*b])).then(a.cmp(b)));
     let total = mesh.area();
@@ -101,7 +93,7 @@ fn nearest_faces(mesh: &Mesh, distance: &[f64], keep: f64) -> Vec<[u32; 3]> {
         .into_iter()
         .take_while(|f| {
             let before = sum;
-            sum += area(&mesh.faces[*f]);
+            sum += mesh.face_area(&mesh.faces[*f]);
             before < keep * total && far(&mesh.faces[*f]).is_finite()
         })
         .collect();

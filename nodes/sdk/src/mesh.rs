@@ -28,14 +28,16 @@ impl Mesh {
     /// Total area of the triangles, in squared units of the file.
     #[must_use]
     pub fn area(&self) -> f64 {
-        let corner = |i: u32| self.vertices[i as usize];
-        let double = |f: &[u32; 3]| {
-            let [a, b, c] = f.map(corner);
-            let (u, v) = (sub(b, a), sub(c, a));
-            let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-            (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt()
-        };
-        self.faces.iter().map(double).sum::<f64>() / 2.0
+        self.faces.iter().map(|face| self.face_area(face)).sum()
+    }
+
+    /// Area of one triangle over this mesh's vertices.
+    #[must_use]
+    pub fn face_area(&self, face: &[u32; 3]) -> f64 {
+        let [a, b, c] = face.map(|i| self.vertices[i as usize]);
+        let (u, v) = (sub(b, a), sub(c, a));
+        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt() / 2.0
     }
 
     /// Keeps `source` through a renumbering: `kept[i]` is the old index of new vertex `i`.
