@@ -1,0 +1,69 @@
+//! The side of `salient` in `benches/peers`: makes the inputs, and solves what its peers solve, one problem per process.
+//!
+//! ```text
+//! peers mesh SOURCE LEVELS OUT       OUT.mesh and OUT.operator; SOURCE is FILE.obj, FILE.off or creature:N
+//! peers eigen OPERATOR K THREADS OUT the K smallest pairs to OUT
+//! peers cut MESH SIZE COUNT STEM     COUNT discs of about SIZE vertices: STEM-i.mesh, and STEM-i.operator of the doubled disc
+//! peers patches STEM COUNT VALUES THREADS OUT   the spectra of those discs
+//! peers geodesics MESH COUNT SIZE OUT           the sum of distances from each of COUNT vertices; SIZE 0 is without limit
+//! ```
+//!
+//! Each computation prints one line of JSON: seconds, bytes, and what else is known. `benches/peers/README.md` has the rest.
+#![expect(clippy::disallowed_methods, reason = "a program, not a node")]
+
+mod files;
+mod local;
+mod mesh;
+mod meter;
+
+use mesh::Mesh;
+use meter::{Cost, measured};
+use salient_kernels::eigen::{Options, eigenpairs};
+use salient_kernels::laplacian::{Area, laplacian};
+use std::error::Error;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    match arguments[..] {
+        ["mesh", source, levels, out] => make(source, levels.parse()?, out),
+        ["eigen", operator, k, threads, out] => eigen(operator, k.parse()?, threads.parse()?, out),
+        ["cut", mesh, size, count, stem] => local::cut(mesh, size.parse()?, count.parse()?, stem),
+        ["patches", stem, count, values, threads, out] => {
+            local::patches(stem, count.parse()?, values.parse()?, threads.parse()?, out)
+        }
+        ["geodesics", mesh, count, size, out] => local::geodesics(mesh, count.parse()?, size.parse()?, out),
+        _ => Err("usage: peers mesh|eigen ... (see the documentation at the head of this file)".into()),
+    }
+}
+
+fn report(cost: &Cost, rest: &str) {
+    println!(r#"{{"wall": {}, "cpu": {:.2}, "memory": {}{rest}}}"#, cost.wall, cost.cpu, cost.memory);
+}
+
+fn make(source: &str, levels: usize, out: &str) -> Result<(), Box<dyn Error>> {
+    let mesh = Mesh::from_source(source)?.refined(levels);
+    let (operator, cost) = measured(|| Ok(laplacian(&mesh.vertices, &mesh.faces, Area::Mixed, false)?))?;
+    files::write_mesh(&format!("{out}.mesh"), &mesh)?;
+    files::write_operator(&format!("{out}.operator"), &operator)?;
+    report(&cost, &format!(r#", "n": {}"#, mesh.vertices.len()));
+    Ok(())
+}
+
+fn eigen(path: &str, k: usize, threads: usize, out: &str) -> Result<(), Box<dyn Error>> {
+    let operator = files::read_operator(path)?;
+    let options = options(threads)?;
+    let (pairs, cost) = measured(|| Ok(eigenpairs(&operator, k, &options, &())?))?;
+    files::write_pairs(out, &pairs)?;
+    let certificate = &pairs.certificate;
+    report(&cost, &format!(r#", "rounds": {}, "method": "{:?}""#, certificate.rounds, certificate.method));
+    Ok(())
+}
+
+/// The one place that knows how the kernel is told its threads.
+fn options(threads: usize) -> Result<Options, Box<dyn Error>> {
+    if threads == 0 {
+        return Err("at least one thread".into());
+    }
+    Ok(Options::default()) // the kernel has one thread as yet, whatever is asked for
+}
