@@ -8,7 +8,7 @@ import eigen
 import geodesics
 import matching
 import patches
-from runner import ROOT, data_folder
+from runner import ROOT, configure, data_folder
 
 SECTIONS = {"eigen": eigen.bench, "patches": patches.bench, "geodesics": geodesics.bench, "matching": matching.bench}
 
@@ -30,14 +30,18 @@ def main():
     parser = argparse.ArgumentParser(prog="run", description="salient against its peers, in turn, on this machine")
     parser.add_argument("sections", nargs="*", metavar="SECTION", help=f"any of {', '.join(SECTIONS)}; all if none is named")
     parser.add_argument("--quick", action="store_true", help="small problems and few rounds")
+    parser.add_argument("--only", default="", metavar="TEXT", help="only cases whose fields, joined by /, contain it: creature-10k/300")
+    parser.add_argument("--wrap", default="", metavar="COMMAND", help="what starts every measured process: 'taskset -c 0'")
+    parser.add_argument("--rounds", type=int, default=1000, metavar="N", help="at most N runs of each")
     arguments = parser.parse_args()
+    configure(arguments.wrap, arguments.rounds)
     unknown = set(arguments.sections) - set(SECTIONS)
     if unknown:
         parser.error(f"unknown section {', '.join(sorted(unknown))}; there are {', '.join(SECTIONS)}")
     machine()
     for name in arguments.sections or SECTIONS:
         print(f"## {name}\n")
-        SECTIONS[name](arguments.quick)
+        SECTIONS[name](arguments.quick, arguments.only)
 
 
 if __name__ == "__main__":

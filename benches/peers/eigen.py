@@ -1,9 +1,10 @@
 """Smallest eigenpairs: `salient` against SLEPc, LaPy and scipy on the same operators to the same residual."""
 import dataclasses
 import json
+import os
 
 import files
-from runner import (DEBIAN_PYTHON, HERE, SALIENT, VENV_PYTHON, WORK, Failed, alternating, data_folder, megabytes, note, run,
+from runner import (DEBIAN_PYTHON, HERE, SALIENT, VENV_PYTHON, WORK, Failed, alternating, chosen, data_folder, megabytes, note, run,
                     seconds, table)
 
 #: Largest residual ||M v - lambda S v|| in the S^-1 norm over lambda that counts as solved.
@@ -42,7 +43,7 @@ class Peer:
     method: str
     options: tuple = ()
     #: Tolerances to try, loosest first, until the residual is small enough; empty if the solver has no such option.
-    tolerances: tuple = (1e-6, 1e-7, 1e-8, 1e-9, 3e-10, 1e-10, 3e-11, 1e-11, 3e-12, 1e-12)
+    tolerances: tuple = (1e-4, 1e-6, 1e-8, 1e-9)
     #: Largest n and k worth waiting for.
     largest: tuple = (10**9, 10**9)
 
@@ -53,9 +54,10 @@ class Peer:
 
 
 PEERS = [
-    Peer("SLEPc tuned", "slepc", ("ncv=1.2",)),
-    Peer("SLEPc tuned, scaled", "slepc", ("ncv=1.2", "scaled=1")),
-    Peer("SLEPc default", "slepc"),
+    # A tolerance above 3e-8 never sufficed with the generalised problem, nor above 1e-9 with the scaled one.
+    Peer("SLEPc tuned", "slepc", ("ncv=1.2",), (3e-8, 1e-8, 3e-9, 1e-9)),
+    Peer("SLEPc tuned, scaled", "slepc", ("ncv=1.2", "scaled=1"), (1e-9, 3e-10, 1e-10, 3e-11, 1e-11, 3e-12)),
+    Peer("SLEPc default", "slepc", (), (1e-7, 3e-8, 1e-8, 3e-9)),
     Peer("LaPy", "lapy", tolerances=()),
     Peer("eigsh + CHOLMOD", "cholmod"),
     Peer("eigsh + SuperLU", "scipy", largest=(50_000, 300)),
@@ -78,7 +80,7 @@ def prepare(name):
 
 def solve(command, operator, threads):
     """One measured run, with the residual and the orthogonality of what it wrote."""
-    out = WORK / "pairs"
+    out = WORK / f"pairs-{os.getpid()}"
     try:
         result = run([out if word == "OUT" else word for word in command], threads)
         result["residual"], result["orthogonality"] = files.quality(operator, out)
@@ -148,12 +150,12 @@ def row(name, k, threads, n, results):
     return [f"{name} (n = {n})", str(k), str(threads), mine, *peers, memory, residual]
 
 
-def bench(quick):
+def bench(quick, only):
     print("Ratios are the peer's wall time over salient's, best of alternating runs. Memory is the peak above what was resident before the "
           "solve. Residuals are in the order of the columns, without the failed.\n")
 
     def rows():
-        for name, k, rounds in QUICK if quick else CASES:
+        for name, k, rounds in chosen(QUICK if quick else CASES, only):
             for threads in (1, 2):
                 note(f"eigen {name} k = {k}, {threads} threads")
                 compared = compare(name, k, rounds, threads)

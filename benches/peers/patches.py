@@ -1,10 +1,11 @@
 """Patch spectra: the first 21 nonzero eigenvalues of many doubled patches."""
 import json
+import os
 
 import numpy as np
 
 import eigen
-from runner import HERE, SALIENT, VENV_PYTHON, WORK, Failed, alternating, note, run, seconds, table
+from runner import HERE, SALIENT, VENV_PYTHON, WORK, Failed, alternating, chosen, note, run, seconds, table
 
 VALUES = 21
 COUNT = 50
@@ -29,7 +30,7 @@ def cut(name, size):
 
 def solve(command, threads, reference):
     """One measured run; its values are compared with those of the first one."""
-    out = WORK / "values"
+    out = WORK / f"values-{os.getpid()}"
     result = run([*command, threads, out], 1)
     values = np.fromfile(out)
     difference = abs(values / reference.setdefault("values", values) - 1).max()
@@ -38,11 +39,12 @@ def solve(command, threads, reference):
     return {**result, "difference": difference}
 
 
-def bench(quick):
-    print(f"{VALUES} values of {COUNT} patches, on 2 threads the peers run in two processes. Salient assembles too; its peers are given the doubled operators.\n")
+def bench(quick, only):
+    print(f"{VALUES} values of {COUNT} patches, on 2 threads the peers run in two processes. Salient assembles too; "
+          "its peers are given the doubled operators.\n")
 
     def rows():
-        for name, size, rounds in QUICK if quick else CASES:
+        for name, size, rounds in chosen(QUICK if quick else CASES, only):
             stem, sizes = cut(name, size)
             for threads in (1, 2):
                 note(f"patches {name} {size}, {threads} threads")

@@ -2,6 +2,7 @@
 import json
 import os
 import pathlib
+import shlex
 import subprocess
 import sys
 
@@ -31,6 +32,19 @@ def environment(threads):
     return env
 
 
+#: No job is run more often than this: `--rounds`.
+most_rounds = 1000
+
+#: Words put before every process: `--wrap "taskset -c 0"`.
+wrap = []
+
+
+def configure(words, rounds):
+    """From now on every process is started by `words`, and no job is run more than `rounds` times."""
+    global most_rounds
+    wrap[:], most_rounds = shlex.split(words), rounds
+
+
 class Failed(Exception):
     """A solver did not deliver; the message is its own."""
 
@@ -39,7 +53,7 @@ def run(command, threads, timeout=1800):
     """Runs one process; the object that its last line of output holds."""
     try:
         done = subprocess.run(
-            [str(word) for word in command], env=environment(threads), capture_output=True, text=True, timeout=timeout
+            [*wrap, *(str(word) for word in command)], env=environment(threads), capture_output=True, text=True, timeout=timeout
         )
     except subprocess.TimeoutExpired:
         raise Failed(f"longer than {timeout} s") from None
@@ -53,7 +67,7 @@ def alternating(jobs, rounds):
     """Runs every job once per round, in turn, and keeps each one's fastest run. `jobs` maps a name to a function without
     arguments that returns a dict with `wall`. Failed ones map to their `Failed`."""
     best = {}
-    for _ in range(rounds):
+    for _ in range(min(rounds, most_rounds)):
         for name, job in jobs.items():
             if isinstance(best.get(name), Failed):
                 continue
@@ -65,6 +79,11 @@ def alternating(jobs, rounds):
             if old is None or isinstance(result, Failed) or result["wall"] < old["wall"]:
                 best[name] = result
     return best
+
+
+def chosen(cases, only):
+    """The cases whose fields, joined by `/`, contain `only`."""
+    return [case for case in cases if only in "/".join(map(str, case))]
 
 
 def seconds(value):
