@@ -74,7 +74,7 @@ def prepare(name):
     stem = WORK / "inputs" / (name if source != synthesised or real is None else f"{name}-synthesised")
     if not stem.with_suffix(".operator").exists():
         stem.parent.mkdir(parents=True, exist_ok=True)
-        run([SALIENT, "mesh", source, levels, stem], 1)
+        run([SALIENT, "mesh", source, levels, stem], 1, preparation=True)
     return stem
 
 

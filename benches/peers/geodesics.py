@@ -31,7 +31,7 @@ def bench(quick, only):
             note(f"geodesics {name} {size}")
             mesh, reference = f"{eigen.prepare(name)}.mesh", {}
             own = [SALIENT, "geodesics", mesh, sources, size]
-            radius = run([*own, os.devnull], 1)["radius"]
+            radius = run([*own, os.devnull], 1, preparation=True)["radius"]
             peer = [VENV_PYTHON, HERE / "local_peer.py", "geodesics", mesh, sources, radius]
             results = alternating({"salient": lambda: solve(own, reference), "scipy": lambda: solve(peer, reference)}, rounds)
             mine = results["salient"]

@@ -24,7 +24,7 @@ def cut(name, size):
     stem = WORK / "inputs" / f"{name}-patch{size}"
     index = stem.with_suffix(".json")
     if not index.exists():
-        index.write_text(json.dumps(run([SALIENT, "cut", f"{eigen.prepare(name)}.mesh", size, COUNT, stem], 1)))
+        index.write_text(json.dumps(run([SALIENT, "cut", f"{eigen.prepare(name)}.mesh", size, COUNT, stem], 1, preparation=True)))
     return stem, json.loads(index.read_text())["sizes"]
 
 

@@ -35,12 +35,12 @@ def environment(threads):
 #: No job is run more often than this: `--rounds`.
 most_rounds = 1000
 
-#: Words put before every process: `--wrap "taskset -c 0"`.
+#: Words put before every measured process: `--wrap "taskset -c 0"`.
 wrap = []
 
 
 def configure(words, rounds):
-    """From now on every process is started by `words`, and no job is run more than `rounds` times."""
+    """From now on every measured process is started by `words`, and no job is run more than `rounds` times."""
     global most_rounds
     wrap[:], most_rounds = shlex.split(words), rounds
 
@@ -49,11 +49,11 @@ class Failed(Exception):
     """A solver did not deliver; the message is its own."""
 
 
-def run(command, threads, timeout=1800):
-    """Runs one process; the object that its last line of output holds."""
+def run(command, threads, timeout=1800, preparation=False):
+    """Runs one process, measured unless it is a preparation; the object that its last line of output holds."""
     try:
         done = subprocess.run(
-            [*wrap, *(str(word) for word in command)], env=environment(threads), capture_output=True, text=True, timeout=timeout
+            [*([] if preparation else wrap), *(str(word) for word in command)], env=environment(threads), capture_output=True, text=True, timeout=timeout
         )
     except subprocess.TimeoutExpired:
         raise Failed(f"longer than {timeout} s") from None
