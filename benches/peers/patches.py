@@ -14,7 +14,7 @@ CASES = [("creature-10k", 90, 5), ("creature-10k", 180, 5), ("creature-10k", 400
          ("creature-43k", 4000, 2)]
 QUICK = [("creature-5k", 90, 3), ("creature-5k", 1000, 2)]
 #: Up to this size of a patch LAPACK is worth waiting for.
-DENSE = 1000
+DENSE = 400
 #: Largest relative difference of the peers' values from salient's.
 AGREE = 1e-7
 
