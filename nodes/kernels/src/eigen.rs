@@ -18,6 +18,7 @@ mod problem;
 mod reach;
 mod slices;
 mod solver;
+mod vectors;
 
 use crate::laplacian::Operator;
 pub(crate) use problem::{Kernel, Problem};

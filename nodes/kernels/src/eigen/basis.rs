@@ -4,9 +4,10 @@
 //! vectors worked on stay in the cache. The two passes that orthogonalise against the whole basis are bound by memory bandwidth.
 
 use super::EigenError;
+use super::vectors::Store;
 use super::panel::{Block, Row, Rows, Simd, WIDTH, ZERO, add_gram, multiply_right, subtract_product};
 use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatRef, Par};
+use faer::{Accum, MatMut, MatRef, Par};
 
 /// Vertices per run: a panel of it is 16 KiB, a third of a first-level cache.
 pub(super) const RUN: usize = 256;
@@ -189,12 +190,11 @@ impl<'a> Basis<'a> {
         Ok(())
     }
 
-    /// The columns of V c, each of n entries; c has eight rows per panel.
-    pub fn combine(&self, c: MatRef<'_, f64>, n: usize) -> Vec<Vec<f64>> {
-        let m = self.count * WIDTH;
-        let mut columns: Vec<Vec<f64>> = (0..c.ncols()).map(|_| Vec::with_capacity(n)).collect();
+    /// V c; c has eight rows per panel.
+    pub fn combine(&self, c: MatRef<'_, f64>) -> Result<Store, EigenError> {
+        let (m, columns) = (self.count * WIDTH, c.ncols());
+        let mut store = Store::zeroed(self.runs * RUN, columns)?;
         let mut rows = vec![0.0; RUN * m];
-        let mut part = Mat::<f64>::zeros(RUN, c.ncols());
         for run in 0..self.runs {
             for (p, panel) in self.run(run).iter().enumerate() {
                 for (row, x) in rows.chunks_exact_mut(m).zip(panel) {
@@ -202,12 +202,9 @@ impl<'a> Basis<'a> {
                 }
             }
             let left = MatRef::from_row_major_slice(&rows, RUN, m);
-            matmul(part.as_mut(), Accum::Replace, left, c, 1.0, Par::Seq);
-            let length = RUN.min(n - run * RUN);
-            for (j, column) in columns.iter_mut().enumerate() {
-                column.extend_from_slice(&part.col_as_slice(j)[..length]);
-            }
+            let target = MatMut::from_column_major_slice_mut(store.run_mut(run), RUN, columns);
+            matmul(target, Accum::Replace, left, c, 1.0, Par::Seq);
         }
-        columns
+        Ok(store)
     }
 }

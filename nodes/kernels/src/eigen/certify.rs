@@ -1,13 +1,12 @@
 //! Whether pairs may be returned: residuals, orthogonality, and the sort that their final values give.
 
-use super::basis::Null;
+use super::basis::{Null, RUN};
 use super::gauge::fix_sign;
-use super::lanczos::Pair;
 use super::panel::{Simd, WIDTH};
 use super::problem::Problem;
+use super::vectors::Vectors;
 use super::{EigenError, Hooks};
-use faer::linalg::matmul::triangular::{BlockStructure, matmul};
-use faer::{Accum, Mat, MatRef, Par};
+use faer::Mat;
 use std::sync::{Mutex, PoisonError};
 
 /// A residual this many times what rounding the entries of M may cause is as small as it can be.
@@ -16,11 +15,10 @@ const ROUNDING: f64 = 16.0;
 /// Inner products above this are removed: neighbours found by different slices, each accurate, are that nearly orthogonal only.
 const REMOVED: f64 = 1e-12;
 
-/// Vertices per block of a Gram matrix, and parts that may be summed on different threads.
-const GRAM_ROWS: usize = 512;
-const GRAM_PARTS: usize = 8;
+/// Parts of a Gram matrix that may be summed on different threads.
+const GRAM_PARTS: usize = 4;
 
-/// Columns in elimination order with the order itself.
+/// What certifying needs beside the vectors.
 pub(super) struct Columns<'a> {
     pub problem: &'a Problem<'a>,
     pub null: &'a Null,
@@ -30,6 +28,8 @@ pub(super) struct Columns<'a> {
 
 /// What examining all pairs found.
 pub(super) struct Findings {
+    /// Rayleigh quotients, ascending.
+    pub values: Vec<f64>,
     /// The largest residual of the first `wanted` pairs relative to their values.
     pub residual: f64,
     /// Whether those of all pairs are within bounds.
@@ -37,26 +37,25 @@ pub(super) struct Findings {
 }
 
 impl Columns<'_> {
-    /// Replaces values by Rayleigh quotients and sorts by them.
-    pub fn examine(&self, pairs: &mut Vec<Pair>, wanted: usize, tolerance: f64) -> Findings {
-        let groups: Vec<&[Pair]> = pairs.chunks(WIDTH).collect();
-        let results = self.map(groups.len(), &|g| {
-            let quality = self.problem.examine(Simd::new(), &self.vertex_panel(groups[g]));
-            (0..groups[g].len())
-                .map(|q| (quality.values[q], quality.residuals[q], quality.rounding[q]))
-                .collect::<Vec<_>>()
+    /// Computes Rayleigh quotients and residuals, and sorts by the former.
+    pub fn examine(&self, vectors: &mut Vectors, wanted: usize, tolerance: f64) -> Findings {
+        let simd = Simd::new();
+        let inverse_root: Vec<f64> = self.problem.root.iter().map(|r| 1.0 / r).collect();
+        let results = self.map(vectors.len().div_ceil(WIDTH), &|g| {
+            let panel = vectors.panel(g * WIDTH, self.order, &inverse_root);
+            self.problem.examine(simd, &panel)
         });
-        let quality: Vec<(f64, f64, f64)> = results.into_iter().flatten().collect();
-        for (pair, q) in pairs.iter_mut().zip(&quality) {
-            pair.value = q.0;
-        }
-        let mut order: Vec<usize> = (0..pairs.len()).collect();
-        order.sort_by(|&a, &b| quality[a].0.total_cmp(&quality[b].0).then(a.cmp(&b)));
-        let mut slots: Vec<Option<Pair>> = std::mem::take(pairs).into_iter().map(Some).collect();
-        pairs.extend(order.iter().filter_map(|&i| slots[i].take()));
-        let mut findings = Findings { residual: 0.0, fine: true };
-        for (position, &i) in order.iter().enumerate() {
-            let (value, norm, rounding) = quality[i];
+        let quality = |j: usize| {
+            let (group, q) = (&results[j / WIDTH], j % WIDTH);
+            (group.values[q], group.residuals[q], group.rounding[q])
+        };
+        let mut order: Vec<usize> = (0..vectors.len()).collect();
+        order.sort_by(|&a, &b| quality(a).0.total_cmp(&quality(b).0).then(a.cmp(&b)));
+        vectors.select(&order);
+        let mut findings = Findings { values: Vec::with_capacity(order.len()), residual: 0.0, fine: true };
+        for (position, &j) in order.iter().enumerate() {
+            let (value, norm, rounding) = quality(j);
+            findings.values.push(value);
             findings.fine &= value > 0.0 && norm <= (tolerance * value).max(ROUNDING * rounding) && norm.is_finite();
             if position < wanted {
                 findings.residual = findings.residual.max(norm / value);
@@ -65,81 +64,44 @@ impl Columns<'_> {
         findings
     }
 
-    /// v = R^-1 y for up to eight columns, by vertex.
-    fn vertex_panel(&self, group: &[Pair]) -> Vec<[f64; WIDTH]> {
-        let mut panel = vec![[0.0; WIDTH]; self.order.len()];
-        for (i, &vertex) in self.order.iter().enumerate() {
-            let row = &mut panel[vertex as usize];
-            let root = self.problem.root[vertex as usize];
-            for (x, pair) in row.iter_mut().zip(group) {
-                *x = pair.column[i] / root;
-            }
-        }
-        panel
-    }
-
     /// The largest entry of |Y' Y - I|, the null space included, after removing what neighbouring slices left.
-    pub fn orthogonalise(&self, pairs: &mut [Pair]) -> f64 {
+    pub fn orthogonalise(&self, vectors: &mut Vectors) -> f64 {
+        let null = self.map(vectors.len(), &|j| vectors.null_product(j, self.null));
+        let null = null.into_iter().fold(0.0, f64::max);
         let mut worst = f64::INFINITY;
         for _ in 0..3 {
-            let gram = self.gram(pairs);
-            worst = self.null_products(pairs);
-            let mut changed = false;
-            for j in 0..pairs.len() {
-                let norm = gram[(j, j)];
-                worst = worst.max((norm - 1.0).abs());
-                for i in j + 1..pairs.len() {
-                    let product = gram[(i, j)];
-                    worst = worst.max(product.abs());
-                    if product.abs() > REMOVED {
-                        symmetric_step(pairs, i, j, 0.5 * product);
-                        changed = true;
+            let gram = self.gram(vectors);
+            worst = null;
+            let mut steps = Vec::new();
+            for j in 0..vectors.len() {
+                worst = worst.max((gram[(j, j)] - 1.0).abs());
+                for i in j + 1..vectors.len() {
+                    worst = worst.max(gram[(i, j)].abs());
+                    // Residuals are relative to the values, so the lower vector is the more accurate of the two, and all of the
+                    // product is removed from the higher one.
+                    if gram[(i, j)].abs() > REMOVED {
+                        steps.push((i, j, gram[(i, j)]));
                     }
                 }
-                if (norm - 1.0).abs() > REMOVED {
-                    let scale = 1.0 / norm.sqrt();
-                    pairs[j].column.iter_mut().for_each(|x| *x *= scale);
-                    changed = true;
-                }
             }
-            if !changed {
+            if steps.is_empty() {
                 break;
             }
+            vectors.subtract(&steps);
         }
         worst
     }
 
     /// Y' Y, its lower triangle.
-    fn gram(&self, pairs: &[Pair]) -> Mat<f64> {
-        let (n, k) = (self.order.len(), pairs.len());
-        let part = n.div_ceil(GRAM_PARTS).next_multiple_of(GRAM_ROWS);
-        let parts = self.map(n.div_ceil(part), &|p| {
+    fn gram(&self, vectors: &Vectors) -> Mat<f64> {
+        let k = vectors.len();
+        let share = vectors.runs().div_ceil(GRAM_PARTS).max(1);
+        let parts = self.map(vectors.runs().div_ceil(share), &|p| {
             let mut sum = Mat::<f64>::zeros(k, k);
-            let mut block = vec![0.0; GRAM_ROWS * k];
-            for begin in (p * part..n.min((p + 1) * part)).step_by(GRAM_ROWS) {
-                let rows = GRAM_ROWS.min(n - begin);
-                for (target, pair) in block.chunks_exact_mut(rows).zip(pairs) {
-                    target.copy_from_slice(&pair.column[begin..begin + rows]);
-                }
-                let y = MatRef::from_column_major_slice(&block[..rows * k], rows, k);
-                let (lower, whole) = (BlockStructure::TriangularLower, BlockStructure::Rectangular);
-                matmul(sum.as_mut(), lower, Accum::Add, y.transpose(), whole, y, whole, 1.0, Par::Seq);
-            }
+            vectors.add_gram(p * share..vectors.runs().min((p + 1) * share), &mut sum);
             sum
         });
         parts.into_iter().reduce(|a, b| a + b).unwrap_or_else(|| Mat::zeros(k, k))
-    }
-
-    /// The largest product of a column with a null vector.
-    fn null_products(&self, pairs: &[Pair]) -> f64 {
-        let products = self.map(pairs.len(), &|j| {
-            let mut sums = vec![0.0; self.null.count];
-            for ((&label, unit), x) in self.null.labels.iter().zip(&self.null.units).zip(&pairs[j].column) {
-                sums[label as usize] += unit * x;
-            }
-            sums.iter().fold(0.0f64, |m, x| m.max(x.abs()))
-        });
-        products.into_iter().fold(0.0, f64::max)
     }
 
     /// The largest residual of the null vectors over the first positive eigenvalue: rounding of the row sums.
@@ -155,22 +117,19 @@ impl Columns<'_> {
         squares.iter().fold(0.0f64, |worst, s| worst.max(s.sqrt())) / first
     }
 
-    /// Eigenvectors by vertex in the caller's units with their signs, column after column into `target`. The pairs are used up on the way: not
-    /// all vectors are in memory twice.
-    pub fn write(&self, pairs: Vec<Pair>, target: &mut [f64]) {
-        let n = self.order.len();
-        let scale = 1.0 / self.problem.area.sqrt();
-        let slots: Vec<Mutex<Option<(Pair, &mut [f64])>>> =
-            pairs.into_iter().zip(target.chunks_exact_mut(n)).map(|slot| Mutex::new(Some(slot))).collect();
+    /// The first eigenvectors by vertex in the caller's units with their signs, column after column, as many as `target` has room for.
+    pub fn write(&self, vectors: &Vectors, target: &mut [f64]) {
+        let unit = 1.0 / self.problem.area.sqrt();
+        let slots: Vec<Mutex<&mut [f64]>> = target.chunks_exact_mut(self.order.len()).map(Mutex::new).collect();
         self.hooks.each(slots.len(), &|j| {
-            let slot = slots[j].lock().unwrap_or_else(PoisonError::into_inner).take();
-            if let Some((pair, target)) = slot {
-                for (x, &vertex) in pair.column.iter().zip(self.order) {
+            let mut target = slots[j].lock().unwrap_or_else(PoisonError::into_inner);
+            for (run, order) in self.order.chunks(RUN).enumerate() {
+                for (x, &vertex) in vectors.piece(run, j).iter().zip(order) {
                     // + 0.0: no negative zeros in an artefact
-                    target[vertex as usize] = x / self.problem.root[vertex as usize] * scale + 0.0;
+                    target[vertex as usize] = x / self.problem.root[vertex as usize] * unit + 0.0;
                 }
-                fix_sign(target, self.problem.mass);
             }
+            fix_sign(&mut target, self.problem.mass);
         });
     }
 
@@ -181,14 +140,6 @@ impl Columns<'_> {
             *slots[i].lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
         });
         slots.into_iter().filter_map(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner)).collect()
-    }
-}
-
-/// Takes half of the product from each, which keeps both as near as can be to what they were (Löwdin 1950, to first order).
-fn symmetric_step(pairs: &mut [Pair], i: usize, j: usize, half: f64) {
-    let (head, tail) = pairs.split_at_mut(i);
-    for (x, y) in tail[0].column.iter_mut().zip(&mut head[j].column) {
-        (*x, *y) = (*x - half * *y, *y - half * *x);
     }
 }
 

@@ -8,6 +8,7 @@ use super::dense::symmetric_eigen;
 use super::packed::Packed;
 use super::panel::{Block, Row, Rows, WIDTH, ZERO, cholesky, inverse, product, symmetrised, transposed};
 use super::reach::{Reach, Ritz};
+use super::vectors::Store;
 use super::{EigenError, Hooks, Phase};
 use crate::random::Random;
 use faer::Mat;
@@ -33,9 +34,10 @@ pub(super) struct Run<'a> {
     pub seed: u64,
 }
 
-/// Eigenpairs of A found by one run, ascending; columns of unit norm in elimination order.
+/// Eigenpairs of A found by one run, ascending; vectors of unit norm in elimination order.
 pub(super) struct Found {
-    pub pairs: Vec<Pair>,
+    pub values: Vec<f64>,
+    pub vectors: Store,
     /// A gap above the last pair.
     pub cut: f64,
     /// Relative width of that gap.
@@ -44,11 +46,6 @@ pub(super) struct Found {
     pub shift: f64,
     /// Eigenvalues below the shift beyond the null space, by inertia.
     pub count_below: usize,
-}
-
-pub(super) struct Pair {
-    pub value: f64,
-    pub column: Vec<f64>,
 }
 
 struct Krylov<'a> {
@@ -67,6 +64,7 @@ struct Krylov<'a> {
 
 /// Finds the pairs that `run.reach` asks for.
 pub(super) fn lanczos(run: &Run<'_>, hooks: &dyn Hooks, step: &dyn Fn()) -> Result<Found, EigenError> {
+    hooks.phase(Phase::Count);
     let mut krylov = Krylov::new(run)?;
     let limit = (run.n - run.null.count) / WIDTH;
     loop {
@@ -85,20 +83,22 @@ pub(super) fn lanczos(run: &Run<'_>, hooks: &dyn Hooks, step: &dyn Fn()) -> Resu
         hooks.phase(Phase::Projected);
         match krylov.converged()? {
             Some(found) if krylov.dropped.len() >= run.restarts => {
+                if std::env::var("V").is_ok() { eprintln!("slice shift {:.1} blocks {} pairs {} expected {} first check {}", run.shift, krylov.diagonal.len(), found.chosen.len(), run.reach.expected, expected_blocks(run.reach.expected, matches!(run.reach.below, super::reach::Side::Count(_)))); }
                 hooks.phase(Phase::Vectors);
-                return Ok(krylov.pairs(&found));
+                return krylov.pairs(&found);
             }
             Some(_) => krylov.extend(true, hooks)?,
             None => {
-                krylov.next_check = blocks + 1 + (blocks / 16).max(1);
+                krylov.next_check = blocks + 1;
             }
         }
     }
 }
 
-/// Blocks that convergence takes, measured: about 1.7 vectors per pair, and what the ends cost.
-pub(super) fn expected_blocks(pairs: usize) -> usize {
-    (pairs * 17 / 10 + 56).div_ceil(WIDTH)
+/// Blocks that convergence takes, measured: with pairs on both sides of the shift up to the end of the spectrum on one of them, or up to a window's edge.
+pub(super) fn expected_blocks(pairs: usize, from_bottom: bool) -> usize {
+    let vectors = if from_bottom { 1.75 * pairs as f64 + 60.0 } else { 2.05 * pairs as f64 + 90.0 };
+    (vectors / WIDTH as f64).ceil() as usize
 }
 
 struct Converged {
@@ -112,7 +112,7 @@ struct Converged {
 
 impl<'a> Krylov<'a> {
     fn new(run: &'a Run<'a>) -> Result<Self, EigenError> {
-        let first_check = expected_blocks(run.reach.expected);
+        let first_check = expected_blocks(run.reach.expected, matches!(run.reach.below, super::reach::Side::Count(_)));
         let mut krylov = Self {
             run,
             basis: Basis::new(run.n, first_check + first_check / 6 + 4, run.null)?,
@@ -232,7 +232,7 @@ impl<'a> Krylov<'a> {
     }
 
     /// Purified Ritz vectors of unit norm.
-    fn pairs(&self, found: &Converged) -> Found {
+    fn pairs(&self, found: &Converged) -> Result<Found, EigenError> {
         let m = self.diagonal.len() * WIDTH;
         let last = &self.below[self.below.len() - 1];
         let mut c = Mat::<f64>::zeros(m + WIDTH, found.chosen.len());
@@ -253,9 +253,14 @@ impl<'a> Krylov<'a> {
                 c[(m + p, j)] *= scale;
             }
         }
-        let columns = self.basis.combine(c.as_ref(), self.run.n);
-        let pairs = found.chosen.iter().zip(columns).map(|(r, column)| Pair { value: r.value, column }).collect();
-        Found { pairs, cut: found.cut, gap: found.gap, shift: self.run.shift, count_below: self.run.count_below }
+        Ok(Found {
+            values: found.chosen.iter().map(|r| r.value).collect(),
+            vectors: self.basis.combine(c.as_ref())?,
+            cut: found.cut,
+            gap: found.gap,
+            shift: self.run.shift,
+            count_below: self.run.count_below,
+        })
     }
 }
 

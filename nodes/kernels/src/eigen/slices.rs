@@ -2,9 +2,10 @@
 
 use super::basis::Null;
 use super::factor::Factorizer;
-use super::lanczos::{Found, Pair, Run, expected_blocks, lanczos};
+use super::lanczos::{Found, Run, expected_blocks, lanczos};
 use super::packed::Packed;
 use super::reach::{Reach, Side};
+use super::vectors::Vectors;
 use super::{EigenError, Hooks, Options, Phase};
 use std::f64::consts::PI;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -23,9 +24,8 @@ pub(super) struct Spectrum<'a> {
 
 /// The smallest eigenpairs beyond the null space, as far as they were found.
 pub(super) struct Union {
-    pub pairs: Vec<Pair>,
+    pub vectors: Vectors,
     pub cut: f64,
-    pub gap: f64,
     /// Eigenvalues below the cut by inertia, null space included.
     pub expected: usize,
     /// Whether there is no eigenvalue above the cut.
@@ -40,6 +40,7 @@ struct Slice {
 
 /// How many slices: one below about a hundred pairs; each costs a factorisation and some dozens of vectors, and saves orthogonalisation.
 pub(super) fn slice_count(n: usize, wanted: usize) -> usize {
+    if let Ok(s) = std::env::var("SLICES") { return s.parse().unwrap(); }
     let by_pairs = wanted.div_ceil(SLICE_PAIRS);
     // Slices of more than a tenth of the spectrum do not pay.
     let by_size = n / (8 * SLICE_PAIRS);
@@ -59,7 +60,7 @@ pub(super) struct Attempt {
 pub(super) fn union(spectrum: &Spectrum<'_>, attempt: Attempt) -> Result<Union, EigenError> {
     let slices = plan(spectrum, attempt)?;
     let count = slices.len();
-    let blocks = count * expected_blocks(spectrum.wanted / count);
+    let blocks = count * expected_blocks(spectrum.wanted / count, count == 1);
     let done = AtomicUsize::new(0);
     let step = || {
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
@@ -150,16 +151,22 @@ fn run_slice(
 /// Joins neighbours at the lower one's cut, and counts below the uppermost cut.
 fn join(spectrum: &Spectrum<'_>, found: Vec<Found>) -> Result<Union, EigenError> {
     let (cut, gap) = found.last().map_or((0.0, 0.0), |f| (f.cut, f.gap));
-    let mut pairs: Vec<Pair> = Vec::with_capacity(spectrum.wanted + 16);
+    let mut values: Vec<f64> = Vec::with_capacity(spectrum.wanted + 16);
+    let (mut stores, mut index) = (Vec::new(), Vec::new());
     let mut from = 0.0;
-    for slice in found {
-        pairs.extend(slice.pairs.into_iter().filter(|p| p.value > from));
+    for (s, slice) in found.into_iter().enumerate() {
+        for (column, &value) in slice.values.iter().enumerate().filter(|v| *v.1 > from) {
+            values.push(value);
+            index.push((s, column));
+        }
+        stores.push(slice.vectors);
         // The shift has its own count: what is missing or double is noticed where it happens.
-        let below = pairs.iter().filter(|p| p.value < slice.shift).count();
+        let below = values.iter().filter(|v| **v < slice.shift).count();
         if below != slice.count_below {
+            let null = spectrum.null.count;
             return Err(EigenError::NotCertified {
-                expected: slice.count_below + spectrum.null.count,
-                found: below + spectrum.null.count,
+                expected: slice.count_below + null,
+                found: below + null,
                 residual: f64::NAN,
             });
         }
@@ -167,5 +174,5 @@ fn join(spectrum: &Spectrum<'_>, found: Vec<Found>) -> Result<Union, EigenError>
     }
     spectrum.hooks.phase(Phase::Count);
     let expected = spectrum.factorizer.count_below(cut, gap)?;
-    Ok(Union { pairs, cut, gap, expected, last: false })
+    Ok(Union { vectors: Vectors::new(stores, index), cut, expected, last: false })
 }

@@ -1,14 +1,15 @@
 //! From a problem to certified pairs: the method, the attempts, the certificate.
 
-use super::basis::Null;
+use super::basis::{Null, RUN};
 use super::certify::{Columns, UNCERTIFIED};
 use super::cut::place_cut;
 use super::dense::{lifted, orthonormalise, refine, symmetric_eigen, symmetric_eigenvalues};
 use super::factor::Factorizer;
-use super::lanczos::{Pair, expected_blocks};
+use super::lanczos::expected_blocks;
 use super::panel::WIDTH;
 use super::problem::Problem;
 use super::slices::{Attempt, Spectrum, Union, union};
+use super::vectors::{Store, Vectors};
 use super::{Certificate, EigenError, Eigenpairs, Hooks, Method, Options, Phase};
 use std::f64::consts::PI;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -99,7 +100,7 @@ impl Solver<'_> {
 
     fn attempts(&self) -> Result<Eigenpairs, EigenError> {
         let n = self.problem.n();
-        let krylov = WIDTH * expected_blocks(self.wanted());
+        let krylov = WIDTH * expected_blocks(self.wanted(), true);
         if n <= self.options.dense_limit || 2 * krylov > n {
             return self.certified(self.dense()?, Method::Dense, 0);
         }
@@ -155,21 +156,28 @@ impl Solver<'_> {
             }
         }
         let expected = self.factorizer.count_below(cut.value, cut.width)?;
-        let column = |j: usize| self.order.iter().map(|&v| y[(v as usize, j)]).collect();
-        let pairs = (0..cut.position).map(|j| Pair { value: values[j], column: column(j) }).collect();
-        Ok(Union { pairs, cut: cut.value, gap: cut.width, expected, last: cut.position == available })
+        let mut store = Store::zeroed(n, cut.position)?;
+        for (run, order) in self.order.chunks(RUN).enumerate() {
+            for (j, target) in store.run_mut(run).chunks_exact_mut(RUN).enumerate() {
+                for (x, &vertex) in target.iter_mut().zip(order) {
+                    *x = y[(vertex as usize, j)];
+                }
+            }
+        }
+        let vectors = Vectors::new(vec![store], (0..cut.position).map(|j| (0, j)).collect());
+        Ok(Union { vectors, cut: cut.value, expected, last: cut.position == available })
     }
 
     fn certified(&self, union: Union, method: Method, rounds: usize) -> Result<Eigenpairs, EigenError> {
-        let Union { mut pairs, cut, expected, last, .. } = union;
-        let found = self.null.count + pairs.len();
+        let Union { mut vectors, cut, expected, last } = union;
+        let found = self.null.count + vectors.len();
         let columns = Columns { problem: self.problem, null: self.null, order: self.order, hooks: self.hooks };
         if self.hooks.cancelled() {
             return Err(EigenError::Cancelled);
         }
         self.hooks.phase(Phase::Certify);
-        let orthogonality = columns.orthogonalise(&mut pairs);
-        let findings = columns.examine(&mut pairs, self.wanted(), self.options.tolerance);
+        let orthogonality = columns.orthogonalise(&mut vectors);
+        let findings = columns.examine(&mut vectors, self.wanted(), self.options.tolerance);
         let uncertified = EigenError::NotCertified { expected, found, residual: findings.residual };
         if expected != found || !findings.fine || orthogonality > ORTHOGONALITY {
             return Err(uncertified);
@@ -179,19 +187,19 @@ impl Solver<'_> {
             cut: cut / self.problem.area,
             expected,
             found,
-            max_residual: findings.residual.max(columns.null_residual(pairs.first().map(|p| p.value))),
+            max_residual: findings.residual.max(columns.null_residual(findings.values.first().copied())),
             max_orthogonality_error: orthogonality,
             rounds,
-            gap_above: self.gap_above(&pairs, cut, last),
+            gap_above: self.gap_above(&findings.values, cut, last),
         };
         self.hooks.progress(0.95);
-        Ok(self.finish(&columns, pairs, certificate))
+        Ok(self.finish(&columns, &vectors, &findings.values, certificate))
     }
 
     /// From the last pair asked for to the next, relative to that.
-    fn gap_above(&self, pairs: &[Pair], cut: f64, last: bool) -> Option<f64> {
+    fn gap_above(&self, values: &[f64], cut: f64, last: bool) -> Option<f64> {
         let value = |i: usize| {
-            if i < self.null.count { Some(0.0) } else { pairs.get(i - self.null.count).map(|p| p.value) }
+            if i < self.null.count { Some(0.0) } else { values.get(i - self.null.count).copied() }
         };
         let own = value(self.k - 1)?;
         // Beyond the pairs computed, the next one is as far above the cut as the last one is below it.
@@ -200,7 +208,13 @@ impl Solver<'_> {
     }
 
     /// Back to the caller's units, null space first.
-    fn finish(&self, columns: &Columns<'_>, mut pairs: Vec<Pair>, certificate: Certificate) -> Eigenpairs {
+    fn finish(
+        &self,
+        columns: &Columns<'_>,
+        found: &Vectors,
+        positive: &[f64],
+        certificate: Certificate,
+    ) -> Eigenpairs {
         let (n, k, problem) = (self.problem.n(), self.k, self.problem);
         let null = self.null.count.min(k);
         let mut vectors = vec![0.0; n * k];
@@ -211,11 +225,10 @@ impl Solver<'_> {
                 vectors[label * n + i] = unit / problem.root[i] / problem.area.sqrt();
             }
         }
-        pairs.truncate(k - null);
         let mut values = vec![0.0; null];
-        values.extend(pairs.iter().map(|p| p.value / problem.area));
+        values.extend(positive[..k - null].iter().map(|x| x / problem.area));
         self.hooks.phase(Phase::Vectors);
-        columns.write(pairs, &mut vectors[null * n..]);
+        columns.write(found, &mut vectors[null * n..]);
         Eigenpairs { values, vectors, n, certificate }
     }
 }
