@@ -4,8 +4,8 @@
 //! vectors worked on stay in the cache. The two passes that orthogonalise against the whole basis are bound by memory bandwidth.
 
 use super::EigenError;
-use super::vectors::Store;
 use super::panel::{Block, Row, Rows, Simd, WIDTH, ZERO, add_gram, multiply_right, subtract_product};
+use super::vectors::Store;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 

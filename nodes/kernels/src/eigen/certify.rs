@@ -1,12 +1,13 @@
 //! Whether pairs may be returned: residuals, orthogonality, and the sort that their final values give.
 
-use super::basis::{Null, RUN};
+use super::basis::Null;
 use super::gauge::fix_sign;
 use super::panel::{Simd, WIDTH};
 use super::problem::Problem;
 use super::vectors::Vectors;
 use super::{EigenError, Hooks};
 use faer::Mat;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 /// A residual this many times what rounding the entries of M may cause is as small as it can be.
@@ -38,13 +39,13 @@ pub(super) struct Findings {
 
 impl Columns<'_> {
     /// Computes Rayleigh quotients and residuals, and sorts by the former.
-    pub fn examine(&self, vectors: &mut Vectors, wanted: usize, tolerance: f64) -> Findings {
+    pub fn examine(&self, vectors: &mut Vectors, wanted: usize, tolerance: f64) -> Result<Findings, EigenError> {
         let simd = Simd::new();
         let inverse_root: Vec<f64> = self.problem.root.iter().map(|r| 1.0 / r).collect();
         let results = self.map(vectors.len().div_ceil(WIDTH), &|g| {
             let panel = vectors.panel(g * WIDTH, self.order, &inverse_root);
             self.problem.examine(simd, &panel)
-        });
+        })?;
         let quality = |j: usize| {
             let (group, q) = (&results[j / WIDTH], j % WIDTH);
             (group.values[q], group.residuals[q], group.rounding[q])
@@ -61,16 +62,16 @@ impl Columns<'_> {
                 findings.residual = findings.residual.max(norm / value);
             }
         }
-        findings
+        Ok(findings)
     }
 
     /// The largest entry of |Y' Y - I|, the null space included, after removing what neighbouring slices left.
-    pub fn orthogonalise(&self, vectors: &mut Vectors) -> f64 {
-        let null = self.map(vectors.len(), &|j| vectors.null_product(j, self.null));
+    pub fn orthogonalise(&self, vectors: &mut Vectors) -> Result<f64, EigenError> {
+        let null = self.map(vectors.len(), &|j| vectors.null_product(j, self.null))?;
         let null = null.into_iter().fold(0.0, f64::max);
         let mut worst = f64::INFINITY;
         for _ in 0..3 {
-            let gram = self.gram(vectors);
+            let gram = self.gram(vectors)?;
             worst = null;
             let mut steps = Vec::new();
             for j in 0..vectors.len() {
@@ -89,19 +90,19 @@ impl Columns<'_> {
             }
             vectors.subtract(&steps);
         }
-        worst
+        Ok(worst)
     }
 
     /// Y' Y, its lower triangle.
-    fn gram(&self, vectors: &Vectors) -> Mat<f64> {
+    fn gram(&self, vectors: &Vectors) -> Result<Mat<f64>, EigenError> {
         let k = vectors.len();
         let share = vectors.runs().div_ceil(GRAM_PARTS).max(1);
         let parts = self.map(vectors.runs().div_ceil(share), &|p| {
             let mut sum = Mat::<f64>::zeros(k, k);
             vectors.add_gram(p * share..vectors.runs().min((p + 1) * share), &mut sum);
             sum
-        });
-        parts.into_iter().reduce(|a, b| a + b).unwrap_or_else(|| Mat::zeros(k, k))
+        })?;
+        Ok(parts.into_iter().reduce(|a, b| a + b).unwrap_or_else(|| Mat::zeros(k, k)))
     }
 
     /// The largest residual of the null vectors over the first positive eigenvalue: rounding of the row sums.
@@ -118,29 +119,50 @@ impl Columns<'_> {
     }
 
     /// The first eigenvectors by vertex in the caller's units with their signs, column after column, as many as `target` has room for.
-    pub fn write(&self, vectors: &Vectors, target: &mut [f64]) {
-        let unit = 1.0 / self.problem.area.sqrt();
-        let slots: Vec<Mutex<&mut [f64]>> = target.chunks_exact_mut(self.order.len()).map(Mutex::new).collect();
-        self.hooks.each(slots.len(), &|j| {
-            let mut target = slots[j].lock().unwrap_or_else(PoisonError::into_inner);
-            for (run, order) in self.order.chunks(RUN).enumerate() {
-                for (x, &vertex) in vectors.piece(run, j).iter().zip(order) {
-                    // + 0.0: no negative zeros in an artefact
-                    target[vertex as usize] = x / self.problem.root[vertex as usize] * unit + 0.0;
+    pub fn write(&self, vectors: &Vectors, target: &mut [f64]) -> Result<(), EigenError> {
+        let n = self.order.len();
+        let unit = self.problem.area.sqrt();
+        let scale: Vec<f64> = self.problem.root.iter().map(|r| 1.0 / (r * unit)).collect();
+        let slots: Vec<Mutex<&mut [f64]>> = target.chunks_mut(WIDTH * n).map(Mutex::new).collect();
+        each(self.hooks, slots.len(), &|g| {
+            let panel = vectors.panel(g * WIDTH, self.order, &scale);
+            let mut target = slots[g].lock().unwrap_or_else(PoisonError::into_inner);
+            for (q, column) in target.chunks_exact_mut(n).enumerate() {
+                for (x, row) in column.iter_mut().zip(&panel) {
+                    *x = row[q] + 0.0; // no negative zeros in an artefact
                 }
+                fix_sign(column, self.problem.mass);
             }
-            fix_sign(&mut target, self.problem.mass);
-        });
+        })
     }
 
-    fn map<T: Send>(&self, count: usize, task: &(dyn Fn(usize) -> T + Sync)) -> Vec<T> {
-        let slots: Vec<Mutex<Option<T>>> = (0..count).map(|_| Mutex::new(None)).collect();
-        self.hooks.each(count, &|i| {
-            let result = task(i);
-            *slots[i].lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
-        });
-        slots.into_iter().filter_map(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner)).collect()
+    fn map<T: Send>(&self, count: usize, task: &(dyn Fn(usize) -> T + Sync)) -> Result<Vec<T>, EigenError> {
+        collect(self.hooks, count, task)
     }
+}
+
+/// All tasks, on the threads that the hooks lend; cancelled if one was left out.
+pub(super) fn each(hooks: &dyn Hooks, count: usize, task: &(dyn Fn(usize) + Sync)) -> Result<(), EigenError> {
+    let done = AtomicUsize::new(0);
+    hooks.each(count, &|i| {
+        task(i);
+        done.fetch_add(1, Ordering::Relaxed);
+    });
+    if done.into_inner() == count { Ok(()) } else { Err(EigenError::Cancelled) }
+}
+
+/// The results of all tasks, in order.
+pub(super) fn collect<T: Send>(
+    hooks: &dyn Hooks,
+    count: usize,
+    task: &(dyn Fn(usize) -> T + Sync),
+) -> Result<Vec<T>, EigenError> {
+    let slots: Vec<Mutex<Option<T>>> = (0..count).map(|_| Mutex::new(None)).collect();
+    each(hooks, count, &|i| {
+        let result = task(i);
+        *slots[i].lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
+    })?;
+    Ok(slots.into_iter().filter_map(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner)).collect())
 }
 
 /// An uncertified result of which nothing more is known.

@@ -5,10 +5,9 @@ use super::packed::Packed;
 use super::problem::Problem;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
-use faer::sparse::linalg::cholesky::supernodal::{SupernodalLdltRef, SymbolicSupernodalCholesky};
+use faer::sparse::linalg::cholesky::supernodal::SupernodalLdltRef;
 use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
-    factorize_symbolic_cholesky,
+    CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
 };
 use faer::sparse::linalg::{SupernodalThreshold, SymbolicSupernodalParams};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
@@ -57,16 +56,14 @@ impl Factorizer {
     pub fn factor(&self, shift: f64) -> Result<Packed, EigenError> {
         let failed = EigenError::Factorisation { shift: shift / self.area };
         let values = self.numbers(shift).ok_or(failed.clone())?;
-        let packed = Packed::new(self.supernodal(), &values);
+        let packed = match self.symbolic.raw() {
+            SymbolicCholeskyRaw::Supernodal(symbolic) => Packed::new(symbolic, &values),
+            SymbolicCholeskyRaw::Simplicial(symbolic) => {
+                Packed::of_columns(symbolic.col_ptr(), symbolic.row_idx(), &values)
+            }
+        };
         // Overflow shows as pivots that are not finite.
         if packed.is_sound() { Ok(packed) } else { Err(failed) }
-    }
-
-    fn supernodal(&self) -> &SymbolicSupernodalCholesky<usize> {
-        match self.symbolic.raw() {
-            SymbolicCholeskyRaw::Supernodal(symbolic) => symbolic,
-            SymbolicCholeskyRaw::Simplicial(_) => unreachable!("supernodes were asked for"),
-        }
     }
 
     fn numbers(&self, shift: f64) -> Option<Vec<f64>> {
@@ -103,12 +100,18 @@ impl Factorizer {
 
     /// The diagonal of D.
     fn pivots(&self, values: &[f64]) -> Vec<f64> {
-        let symbolic = self.supernodal();
-        let factor = SupernodalLdltRef::new(symbolic, values);
-        let block = |s: usize| {
-            let block = factor.supernode(s).val();
-            (0..block.ncols()).map(move |j| block[(j, j)])
-        };
-        (0..symbolic.n_supernodes()).flat_map(block).collect()
+        match self.symbolic.raw() {
+            SymbolicCholeskyRaw::Supernodal(symbolic) => {
+                let factor = SupernodalLdltRef::new(symbolic, values);
+                let block = |s: usize| {
+                    let block = factor.supernode(s).val();
+                    (0..block.ncols()).map(move |j| block[(j, j)])
+                };
+                (0..symbolic.n_supernodes()).flat_map(block).collect()
+            }
+            SymbolicCholeskyRaw::Simplicial(symbolic) => {
+                symbolic.col_ptr()[..symbolic.nrows()].iter().map(|&start| values[start]).collect()
+            }
+        }
     }
 }

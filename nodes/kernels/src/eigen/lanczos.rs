@@ -7,7 +7,7 @@ use super::basis::{Basis, Null, padded};
 use super::dense::symmetric_eigen;
 use super::packed::Packed;
 use super::panel::{Block, Row, Rows, WIDTH, ZERO, cholesky, inverse, product, symmetrised, transposed};
-use super::reach::{Reach, Ritz};
+use super::reach::{Chosen, Reach, Ritz, Verdict};
 use super::vectors::Store;
 use super::{EigenError, Hooks, Phase};
 use crate::random::Random;
@@ -64,9 +64,9 @@ struct Krylov<'a> {
 
 /// Finds the pairs that `run.reach` asks for.
 pub(super) fn lanczos(run: &Run<'_>, hooks: &dyn Hooks, step: &dyn Fn()) -> Result<Found, EigenError> {
-    hooks.phase(Phase::Count);
     let mut krylov = Krylov::new(run)?;
     let limit = (run.n - run.null.count) / WIDTH;
+    let mut wait = 1;
     loop {
         if hooks.cancelled() {
             return Err(EigenError::Cancelled);
@@ -81,15 +81,16 @@ pub(super) fn lanczos(run: &Run<'_>, hooks: &dyn Hooks, step: &dyn Fn()) -> Resu
             continue;
         }
         hooks.phase(Phase::Projected);
-        match krylov.converged()? {
-            Some(found) if krylov.dropped.len() >= run.restarts => {
-                if std::env::var("V").is_ok() { eprintln!("slice shift {:.1} blocks {} pairs {} expected {} first check {}", run.shift, krylov.diagonal.len(), found.chosen.len(), run.reach.expected, expected_blocks(run.reach.expected, matches!(run.reach.below, super::reach::Side::Count(_)))); }
+        let (projected, verdict) = krylov.judge()?;
+        match verdict {
+            Verdict::Done(chosen) if krylov.dropped.len() >= run.restarts => {
                 hooks.phase(Phase::Vectors);
-                return krylov.pairs(&found);
+                return krylov.found(&projected, &chosen);
             }
-            Some(_) => krylov.extend(true, hooks)?,
-            None => {
-                krylov.next_check = blocks + 1;
+            Verdict::Done(_) | Verdict::Short => krylov.extend(true, hooks)?,
+            Verdict::NotYet => {
+                krylov.next_check = blocks + 1 + wait;
+                wait += 1;
             }
         }
     }
@@ -101,18 +102,15 @@ pub(super) fn expected_blocks(pairs: usize, from_bottom: bool) -> usize {
     (vectors / WIDTH as f64).ceil() as usize
 }
 
-struct Converged {
+/// Eigenvalues and vectors of the projection of B.
+struct Projected {
     values: Vec<f64>,
     vectors: Mat<f64>,
-    /// The Ritz pairs that are wanted, ascending.
-    chosen: Vec<Ritz>,
-    cut: f64,
-    gap: f64,
 }
 
 impl<'a> Krylov<'a> {
     fn new(run: &'a Run<'a>) -> Result<Self, EigenError> {
-        let first_check = expected_blocks(run.reach.expected, matches!(run.reach.below, super::reach::Side::Count(_)));
+        let first_check = expected_blocks(run.reach.expected, run.reach.from_bottom());
         let mut krylov = Self {
             run,
             basis: Basis::new(run.n, first_check + first_check / 6 + 4, run.null)?,
@@ -189,8 +187,8 @@ impl<'a> Krylov<'a> {
         Err(EigenError::Exhausted)
     }
 
-    /// The wanted Ritz pairs, if all are accurate.
-    fn converged(&self) -> Result<Option<Converged>, EigenError> {
+    /// Solves the projected problem, and judges it.
+    fn judge(&self) -> Result<(Projected, Verdict), EigenError> {
         let blocks = self.diagonal.len();
         let m = blocks * WIDTH;
         let mut projection = Mat::<f64>::zeros(m, m);
@@ -206,8 +204,8 @@ impl<'a> Krylov<'a> {
         }
         let (values, vectors) = symmetric_eigen(projection.as_ref())?;
         let ritz = self.ritz(&values, &vectors);
-        let chosen = self.run.reach.choose(&ritz, self.run.shift, self.run.tolerance);
-        Ok(chosen.map(|chosen| Converged { values, vectors, chosen: chosen.pairs, cut: chosen.cut, gap: chosen.gap }))
+        let verdict = self.run.reach.judge(&ritz, self.run.shift, self.run.tolerance);
+        Ok((Projected { values, vectors }, verdict))
     }
 
     /// All Ritz pairs with positive eigenvalues of A, ascending, with the residuals that purification will leave.
@@ -232,13 +230,13 @@ impl<'a> Krylov<'a> {
     }
 
     /// Purified Ritz vectors of unit norm.
-    fn pairs(&self, found: &Converged) -> Result<Found, EigenError> {
+    fn found(&self, projected: &Projected, chosen: &Chosen) -> Result<Found, EigenError> {
         let m = self.diagonal.len() * WIDTH;
         let last = &self.below[self.below.len() - 1];
-        let mut c = Mat::<f64>::zeros(m + WIDTH, found.chosen.len());
-        for (j, ritz) in found.chosen.iter().enumerate() {
-            let theta = found.values[ritz.column];
-            let s = |i: usize| found.vectors[(i, ritz.column)];
+        let mut c = Mat::<f64>::zeros(m + WIDTH, chosen.pairs.len());
+        for (j, ritz) in chosen.pairs.iter().enumerate() {
+            let theta = projected.values[ritz.column];
+            let s = |i: usize| projected.vectors[(i, ritz.column)];
             let mut norm = 1.0;
             for p in 0..WIDTH {
                 let next: f64 = (0..WIDTH).map(|q| last[p][q] * s(m - WIDTH + q)).sum::<f64>() / theta;
@@ -254,10 +252,10 @@ impl<'a> Krylov<'a> {
             }
         }
         Ok(Found {
-            values: found.chosen.iter().map(|r| r.value).collect(),
+            values: chosen.pairs.iter().map(|r| r.value).collect(),
             vectors: self.basis.combine(c.as_ref())?,
-            cut: found.cut,
-            gap: found.gap,
+            cut: chosen.cut,
+            gap: chosen.gap,
             shift: self.run.shift,
             count_below: self.run.count_below,
         })

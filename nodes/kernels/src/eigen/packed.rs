@@ -49,6 +49,27 @@ impl Packed {
         packed
     }
 
+    /// The same of a factor without supernodes, which small or very sparse matrices have: each column its pivot, then the entries below.
+    pub fn of_columns(starts: &[usize], rows: &[usize], values: &[f64]) -> Self {
+        let n = starts.len() - 1;
+        let mut packed = Self {
+            columns: (0..=n as u32).collect(),
+            row_starts: vec![0],
+            value_starts: vec![0],
+            rows: Vec::with_capacity(rows.len()),
+            values: Vec::with_capacity(values.len()),
+            inverse_pivots: starts[..n].iter().map(|&start| 1.0 / values[start]).collect(),
+            simd: Simd::new(),
+        };
+        for column in starts.windows(2) {
+            packed.rows.extend(rows[column[0] + 1..column[1]].iter().map(|&r| r as u32));
+            packed.row_starts.push(packed.rows.len());
+            packed.values.extend(&values[column[0]..column[1]]);
+            packed.value_starts.push(packed.values.len());
+        }
+        packed
+    }
+
     /// The number of negative pivots.
     pub fn negative(&self) -> usize {
         self.inverse_pivots.iter().filter(|p| **p < 0.0).count()
@@ -84,7 +105,16 @@ impl Packed {
         let values = &self.values[self.value_starts[s]..self.value_starts[s + 1]];
         let (square, below) = values.split_at(width * width);
         let rows = &self.rows[self.row_starts[s]..self.row_starts[s + 1]];
-        Node { width, end, own: &mut head[begin..], after, square, below, rows, pivots: &self.inverse_pivots[begin..end] }
+        Node {
+            width,
+            end,
+            own: &mut head[begin..],
+            after,
+            square,
+            below,
+            rows,
+            pivots: &self.inverse_pivots[begin..end],
+        }
     }
 
     #[inline(always)]
@@ -139,10 +169,10 @@ impl Packed {
         let mut begin = 0;
         while begin < width {
             begin += match width - begin {
-                8.. => gather::<8>(own, after, end, rows, below, width, begin),
-                4.. => gather::<4>(own, after, end, rows, below, width, begin),
-                2.. => gather::<2>(own, after, end, rows, below, width, begin),
-                _ => gather::<1>(own, after, end, rows, below, width, begin),
+                8.. => gather::<8, 1>(own, after, end, rows, below, width, begin),
+                4.. => gather::<4, 2>(own, after, end, rows, below, width, begin),
+                2.. => gather::<2, 4>(own, after, end, rows, below, width, begin),
+                _ => gather::<1, 4>(own, after, end, rows, below, width, begin),
             };
         }
         for j in (0..width).rev() {
@@ -167,9 +197,10 @@ struct Node<'a> {
     pivots: &'a [f64],
 }
 
-/// Subtracts the rows below from C columns of a supernode at once, for each loaded row C products; returns C.
+/// Subtracts the rows below from C columns of a supernode at once: C products for each row loaded, U rows in flight so that sums do not wait
+/// for each other. Returns C.
 #[inline(always)]
-fn gather<const C: usize>(
+fn gather<const C: usize, const U: usize>(
     own: &mut [Row],
     after: &[Row],
     end: usize,
@@ -178,14 +209,32 @@ fn gather<const C: usize>(
     width: usize,
     begin: usize,
 ) -> usize {
-    let mut sums: [Row; C] = std::array::from_fn(|c| own[begin + c]);
-    for (&row, entries) in rows.iter().zip(below.chunks_exact(width)) {
-        let y = &after[row as usize - end];
-        let entries = &entries[begin..begin + C];
-        for c in 0..C {
-            subtract_multiple(&mut sums[c], entries[c], y);
+    let mut sums = [[[0.0; WIDTH]; C]; U];
+    let (groups, rest) = rows.as_chunks::<U>();
+    let mut entries = below;
+    for group in groups {
+        let (now, later) = entries.split_at(U * width);
+        entries = later;
+        for u in 0..U {
+            let y = &after[group[u] as usize - end];
+            let l = &now[u * width + begin..u * width + begin + C];
+            for c in 0..C {
+                subtract_multiple(&mut sums[u][c], l[c], y);
+            }
         }
     }
-    own[begin..begin + C].copy_from_slice(&sums);
+    for (&row, l) in rest.iter().zip(entries.chunks_exact(width)) {
+        let y = &after[row as usize - end];
+        for c in 0..C {
+            subtract_multiple(&mut sums[0][c], l[begin + c], y);
+        }
+    }
+    for c in 0..C {
+        for sum in &sums {
+            for q in 0..WIDTH {
+                own[begin + c][q] += sum[c][q];
+            }
+        }
+    }
     C
 }

@@ -41,7 +41,7 @@ impl Rows {
         let map = MmapMut::map_anon((count * size_of::<Row>()).max(1))?;
         // A hint: without huge pages everything works, more slowly.
         #[cfg(target_os = "linux")]
-        if std::env::var("NOHUGE").is_err() { let _ = map.advise(memmap2::Advice::HugePage); }
+        let _ = map.advise(memmap2::Advice::HugePage);
         Ok(Self(map))
     }
 

@@ -35,6 +35,16 @@ pub(super) enum Side {
     Until(f64),
 }
 
+/// What a look at the Ritz pairs says.
+pub(super) enum Verdict {
+    /// All that was wanted is there.
+    Done(Chosen),
+    /// All there is below the shift is accurate, but copies of multiple eigenvalues are missing: a fresh block is needed.
+    Short,
+    /// More steps are needed.
+    NotYet,
+}
+
 pub(super) struct Chosen {
     pub pairs: Vec<Ritz>,
     pub cut: f64,
@@ -42,8 +52,13 @@ pub(super) struct Chosen {
 }
 
 impl Reach {
-    /// The wanted ones of the ascending Ritz pairs, those above up to the first gap past what was asked for; nothing while one of them is inaccurate.
-    pub fn choose(&self, ritz: &[Ritz], shift: f64, tolerance: f64) -> Option<Chosen> {
+    /// Whether nothing wanted lies beyond what is below.
+    pub fn from_bottom(&self) -> bool {
+        matches!(self.below, Side::Count(_))
+    }
+
+    /// Judges ascending Ritz pairs: chosen are the wanted ones, those above up to the first gap past what was asked for.
+    pub fn judge(&self, ritz: &[Ritz], shift: f64, tolerance: f64) -> Verdict {
         let split = ritz.partition_point(|r| r.value < shift);
         let (below, above) = ritz.split_at(split);
         // Ritz residuals are estimates; the margin keeps the computed ones within the tolerance.
@@ -52,20 +67,25 @@ impl Reach {
             Side::Count(count) => count,
             Side::Until(value) => below.iter().rev().take_while(|r| r.value > value).count(),
         };
-        if low > below.len() || (matches!(self.below, Side::Until(_)) && low == below.len()) {
-            return None;
+        if low > below.len() {
+            return if below.iter().all(accurate) { Verdict::Short } else { Verdict::NotYet };
         }
+        // Until something lies beyond the window's edge, the edge was not reached.
+        let reached = self.from_bottom() || low < below.len();
         let low = &below[below.len() - low..];
-        if !low.iter().all(accurate) {
-            return None;
+        if !reached || !low.iter().all(accurate) {
+            return Verdict::NotYet;
         }
         let target = match self.above {
             Side::Count(count) => count,
             Side::Until(value) => above.iter().take_while(|r| r.value <= value).count(),
         };
-        let (high, cut, gap) = self.upper_end(above, target, shift, &accurate)?;
-        let pairs = low.iter().chain(&above[..high]).copied().collect();
-        Some(Chosen { pairs, cut, gap })
+        match self.upper_end(above, target, shift, &accurate) {
+            Some((high, cut, gap)) => {
+                Verdict::Done(Chosen { pairs: low.iter().chain(&above[..high]).copied().collect(), cut, gap })
+            }
+            None => Verdict::NotYet,
+        }
     }
 
     /// The number of pairs above up to a gap past the target, the cut in it, and its width.

@@ -176,10 +176,12 @@ impl Solver<'_> {
             return Err(EigenError::Cancelled);
         }
         self.hooks.phase(Phase::Certify);
-        let orthogonality = columns.orthogonalise(&mut vectors);
-        let findings = columns.examine(&mut vectors, self.wanted(), self.options.tolerance);
+        let orthogonality = columns.orthogonalise(&mut vectors)?;
+        let findings = columns.examine(&mut vectors, self.wanted(), self.options.tolerance)?;
         let uncertified = EigenError::NotCertified { expected, found, residual: findings.residual };
-        if expected != found || !findings.fine || orthogonality > ORTHOGONALITY {
+        // Final values, not those that the cut was placed by: each pair then stands for an eigenvalue of its own below the cut.
+        let below = findings.values.last().is_none_or(|last| *last < cut);
+        if expected != found || !below || !findings.fine || orthogonality > ORTHOGONALITY {
             return Err(uncertified);
         }
         let certificate = Certificate {
@@ -193,7 +195,7 @@ impl Solver<'_> {
             gap_above: self.gap_above(&findings.values, cut, last),
         };
         self.hooks.progress(0.95);
-        Ok(self.finish(&columns, &vectors, &findings.values, certificate))
+        self.finish(&columns, &vectors, &findings.values, certificate)
     }
 
     /// From the last pair asked for to the next, relative to that.
@@ -214,7 +216,7 @@ impl Solver<'_> {
         found: &Vectors,
         positive: &[f64],
         certificate: Certificate,
-    ) -> Eigenpairs {
+    ) -> Result<Eigenpairs, EigenError> {
         let (n, k, problem) = (self.problem.n(), self.k, self.problem);
         let null = self.null.count.min(k);
         let mut vectors = vec![0.0; n * k];
@@ -228,8 +230,8 @@ impl Solver<'_> {
         let mut values = vec![0.0; null];
         values.extend(positive[..k - null].iter().map(|x| x / problem.area));
         self.hooks.phase(Phase::Vectors);
-        columns.write(found, &mut vectors[null * n..]);
-        Eigenpairs { values, vectors, n, certificate }
+        columns.write(found, &mut vectors[null * n..])?;
+        Ok(Eigenpairs { values, vectors, n, certificate })
     }
 }
 
