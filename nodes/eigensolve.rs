@@ -146,7 +146,7 @@ pub struct Eigensolve;
 
 impl Node for Eigensolve {
     const KIND: &'static str = "eigensolve";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const DOC: &'static str = "The smallest eigenpairs of M v = lambda S v, certified by inertia (eq. 10). \
         Shift-invert block Lanczos; dense for small meshes. It fails rather than return a wrong basis.";
     const EXAMPLE: &'static str = r#"
@@ -202,5 +202,14 @@ impl Hooks for ContextHooks<'_> {
     }
     fn cancelled(&self) -> bool {
         self.0.cancelled()
+    }
+    fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
+        let tasks: Vec<usize> = (0..count).collect();
+        let run = |_: usize, &i: &usize| {
+            task(i);
+            Ok(())
+        };
+        // Of a run that was stopped some tasks are left out, which the kernel notices.
+        let _stopped: Result<Vec<()>, NodeError> = self.0.map(&tasks, run);
     }
 }

@@ -5,27 +5,61 @@
 //! residuals and orthogonality are small *and* the number of eigenvalues below a cut just above the last wanted one, counted by
 //! Sylvester's law of inertia from another factorisation, equals the number found. A missed copy of a multiple eigenvalue thus cannot pass.
 
+mod basis;
+mod certify;
+mod cut;
 mod dense;
 mod factor;
 mod gauge;
 mod lanczos;
-mod pairs;
+mod packed;
+mod panel;
 mod problem;
+mod reach;
+mod slices;
 mod solver;
+mod vectors;
 
 use crate::laplacian::Operator;
 pub(crate) use problem::{Kernel, Problem};
 pub(crate) use solver::{dense_values, solve};
 use std::fmt;
 
-/// What a caller may want of a long computation: to see how far it is, and to stop it.
-pub trait Hooks {
+/// What a caller may want of a long computation: to see how far it is, to stop it, and to lend it threads.
+pub trait Hooks: Sync {
     /// Called with the share of the work done, in \[0, 1\], not decreasing.
     fn progress(&self, _fraction: f64) {}
     /// Polled at least once per Lanczos block; once true, the computation ends with [`EigenError::Cancelled`].
     fn cancelled(&self) -> bool {
         false
     }
+    /// Runs `task(0)` to `task(count - 1)`, each once, in any order and on any threads, and returns when all are done. Results do not depend on how.
+    fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
+        (0..count).for_each(task);
+    }
+    /// What the calling thread does from now on; for measuring.
+    fn phase(&self, _phase: Phase) {}
+}
+
+/// Where time goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Phase {
+    /// Ordering for small fill, and the symbolic factorisation.
+    Order,
+    /// Numeric factorisation at a shift.
+    Factorise,
+    /// Solves with the factor.
+    Solve,
+    /// Orthogonalisation of a block.
+    Orthogonalise,
+    /// The projected eigenproblem, or the whole one if it is solved densely.
+    Projected,
+    /// Ritz vectors, and their conversion to the caller's order and units.
+    Vectors,
+    /// The count by inertia.
+    Count,
+    /// Residuals and orthogonality.
+    Certify,
 }
 
 /// No interest in either.
@@ -37,15 +71,13 @@ pub struct Options {
     /// Largest accepted residual `||M v - lambda S v||` in the `S^-1` norm, relative to lambda, in (0, 1e-2]. Where the rounding of the entries of
     /// M alone exceeds it (slivers), that rounding error is the bound.
     pub tolerance: f64,
-    /// Vectors per Lanczos block, in 1 to 64: the multiplicity found at once. Larger multiplicities are found by deflated rounds.
-    pub block_size: usize,
     /// Up to this many vertices the dense solver is used.
     pub dense_limit: usize,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { tolerance: 1e-8, block_size: 8, dense_limit: 200 }
+        Self { tolerance: 1e-8, dense_limit: 200 }
     }
 }
 
@@ -155,6 +187,10 @@ pub enum EigenError {
         /// Largest relative residual of the last attempt.
         residual: f64,
     },
+    /// Memory ran out.
+    Memory,
+    /// The Krylov space had no more vectors before the pairs had converged.
+    Exhausted,
     /// The caller's hooks said to stop.
     Cancelled,
 }
@@ -182,6 +218,8 @@ impl fmt::Display for EigenError {
                 f,
                 "eigenpairs could not be certified: {found} found where inertia counts {expected}, largest relative residual {residual:.1e}"
             ),
+            Self::Memory => write!(f, "not enough memory for the Krylov basis"),
+            Self::Exhausted => write!(f, "the Krylov space was exhausted before the eigenpairs had converged"),
             Self::Cancelled => write!(f, "cancelled"),
         }
     }

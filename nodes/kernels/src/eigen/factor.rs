@@ -1,17 +1,17 @@
 //! Sparse LDL' factorisations of A - shift I: solves, and eigenvalue counts by inertia.
 
 use super::EigenError;
+use super::packed::Packed;
 use super::problem::Problem;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
 use faer::sparse::linalg::cholesky::supernodal::SupernodalLdltRef;
 use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, LdltRef, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
-    factorize_symbolic_cholesky,
+    CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
 };
 use faer::sparse::linalg::{SupernodalThreshold, SymbolicSupernodalParams};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
-use faer::{Conj, MatMut, Par, Side, Spec};
+use faer::{Par, Side, Spec};
 
 /// The part of a factorisation that all shifts share: ordering and fill.
 pub(super) struct Factorizer {
@@ -20,12 +20,6 @@ pub(super) struct Factorizer {
     diagonal: Vec<usize>,
     symbolic: SymbolicCholesky<usize>,
     area: f64,
-}
-
-/// The numbers of one factorisation.
-pub(super) struct Factor<'a> {
-    symbolic: &'a SymbolicCholesky<usize>,
-    values: Vec<f64>,
 }
 
 impl Factorizer {
@@ -49,10 +43,30 @@ impl Factorizer {
         Ok(Self { pattern, entries: problem.scaled_entries(), diagonal, symbolic, area: problem.area })
     }
 
+    /// The vertex that is eliminated at each step.
+    pub fn order(&self) -> Vec<u32> {
+        match self.symbolic.perm() {
+            Some(permutation) => permutation.arrays().0.iter().map(|&v| v as u32).collect(),
+            None => (0..self.symbolic.nrows() as u32).collect(),
+        }
+    }
+
     /// The factorisation of A - shift I, without pivoting: backward stable here unless the shift is very near an eigenvalue of a leading
     /// block, which residuals and counts would show.
-    pub fn factor(&self, shift: f64) -> Result<Factor<'_>, EigenError> {
+    pub fn factor(&self, shift: f64) -> Result<Packed, EigenError> {
         let failed = EigenError::Factorisation { shift: shift / self.area };
+        let values = self.numbers(shift).ok_or(failed.clone())?;
+        let packed = match self.symbolic.raw() {
+            SymbolicCholeskyRaw::Supernodal(symbolic) => Packed::new(symbolic, &values),
+            SymbolicCholeskyRaw::Simplicial(symbolic) => {
+                Packed::of_columns(symbolic.col_ptr(), symbolic.row_idx(), &values)
+            }
+        };
+        // Overflow shows as pivots that are not finite.
+        if packed.is_sound() { Ok(packed) } else { Err(failed) }
+    }
+
+    fn numbers(&self, shift: f64) -> Option<Vec<f64>> {
         let mut entries = self.entries.clone();
         for &d in &self.diagonal {
             entries[d] -= shift;
@@ -60,38 +74,35 @@ impl Factorizer {
         let matrix = SparseColMatRef::new(self.pattern.as_ref(), &entries);
         let mut values = vec![0.0; self.symbolic.len_val()];
         let scratch = self.symbolic.factorize_numeric_ldlt_scratch::<f64>(Par::Seq, Spec::default());
-        let mut memory = MemBuffer::try_new(scratch).map_err(|_| failed.clone())?;
+        let mut memory = MemBuffer::try_new(scratch).ok()?;
         let stack = MemStack::new(&mut memory);
         let plain = LdltRegularization::default();
         self.symbolic
             .factorize_numeric_ldlt(&mut values, matrix, Side::Lower, plain, Par::Seq, stack, Spec::default())
-            .map_err(|_| failed.clone())?;
-        // Overflow shows as pivots that are not finite.
-        let factor = Factor { symbolic: &self.symbolic, values };
-        if factor.pivots().iter().all(|p| p.is_finite() && *p != 0.0) { Ok(factor) } else { Err(failed) }
+            .ok()?;
+        Some(values)
     }
 
     /// The number of eigenvalues of A below `cut`: by Sylvester's law the number of negative pivots of A - cut I.
     ///
     /// A factorisation that breaks down is tried again at nearby cuts, which the caller places in a gap of this relative width.
     pub fn count_below(&self, cut: f64, gap: f64) -> Result<usize, EigenError> {
-        let mut last = EigenError::Factorisation { shift: cut / self.area };
         for nudge in [0.0, 0.11, -0.13, 0.23] {
-            match self.factor(cut * (1.0 + nudge * gap)) {
-                Ok(factor) => return Ok(factor.pivots().iter().filter(|p| **p < 0.0).count()),
-                Err(error) => last = error,
+            if let Some(values) = self.numbers(cut * (1.0 + nudge * gap)) {
+                let pivots = self.pivots(&values);
+                if pivots.iter().all(|p| p.is_finite() && *p != 0.0) {
+                    return Ok(pivots.iter().filter(|p| **p < 0.0).count());
+                }
             }
         }
-        Err(last)
+        Err(EigenError::Factorisation { shift: cut / self.area })
     }
-}
 
-impl Factor<'_> {
     /// The diagonal of D.
-    fn pivots(&self) -> Vec<f64> {
+    fn pivots(&self, values: &[f64]) -> Vec<f64> {
         match self.symbolic.raw() {
             SymbolicCholeskyRaw::Supernodal(symbolic) => {
-                let factor = SupernodalLdltRef::new(symbolic, &self.values);
+                let factor = SupernodalLdltRef::new(symbolic, values);
                 let block = |s: usize| {
                     let block = factor.supernode(s).val();
                     (0..block.ncols()).map(move |j| block[(j, j)])
@@ -99,20 +110,8 @@ impl Factor<'_> {
                 (0..symbolic.n_supernodes()).flat_map(block).collect()
             }
             SymbolicCholeskyRaw::Simplicial(symbolic) => {
-                let n = symbolic.nrows();
-                symbolic.col_ptr()[..n].iter().map(|&start| self.values[start]).collect()
+                symbolic.col_ptr()[..symbolic.nrows()].iter().map(|&start| values[start]).collect()
             }
         }
-    }
-
-    /// Room for [`Self::solve`] with so many columns.
-    pub fn scratch(&self, columns: usize) -> MemBuffer {
-        MemBuffer::new(self.symbolic.solve_in_place_scratch::<f64>(columns, Par::Seq))
-    }
-
-    /// Replaces x by (A - shift I)^-1 x.
-    pub fn solve(&self, x: MatMut<'_, f64>, scratch: &mut MemBuffer) {
-        let factor = LdltRef::<usize, f64>::new(self.symbolic, &self.values);
-        factor.solve_in_place_with_conj(Conj::No, x, Par::Seq, MemStack::new(scratch));
     }
 }

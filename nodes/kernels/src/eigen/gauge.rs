@@ -10,9 +10,13 @@ const TIE: f64 = 1e-6;
 /// depends on the mesh only as much as the function does. Where it vanishes, as for odd symmetric functions, the first of the
 /// entries of largest magnitude becomes positive.
 pub(super) fn fix_sign(v: &mut [f64], mass: &[f64]) {
-    let cubes: f64 = v.iter().zip(mass).map(|(x, s)| s * x * x * x).sum();
-    let absolute: f64 = v.iter().zip(mass).map(|(x, s)| s * (x * x * x).abs()).sum();
-    let negative = if cubes.abs() > ODD * absolute {
+    let (mut cubes, mut absolute) = (0.0, 0.0);
+    for (x, s) in v.iter().zip(mass) {
+        let cube = s * x * x * x;
+        cubes += cube;
+        absolute += cube.abs();
+    }
+    let negative = if f64::abs(cubes) > ODD * absolute {
         cubes < 0.0
     } else {
         let largest = v.iter().fold(0.0f64, |m, x| m.max(x.abs()));

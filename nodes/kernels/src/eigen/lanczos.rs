@@ -1,293 +1,267 @@
-//! Block Lanczos with full reorthogonalisation on the inverse of A - sigma I (Grimes, Lewis & Simon 1994), and refinement of its result.
+//! Block Lanczos with full reorthogonalisation on B = (A - sigma I)^-1, for the eigenvalues on both sides of sigma (Grimes, Lewis & Simon 1994).
+//!
+//! Ritz vectors are purified (Ericsson & Ruhe 1980): y + W s / theta, W the next block, is B y / theta without another solve, and the residual of A itself
+//! is then exactly that of B over theta^2.
 
-use super::dense::{inner, product, symmetric_eigen};
-use super::factor::Factor;
-use super::problem::Problem;
-use super::{EigenError, Hooks};
+use super::basis::{Basis, Null, padded};
+use super::dense::symmetric_eigen;
+use super::packed::Packed;
+use super::panel::{Block, Row, Rows, WIDTH, ZERO, cholesky, inverse, product, symmetrised, transposed};
+use super::reach::{Chosen, Reach, Ritz, Verdict};
+use super::vectors::Store;
+use super::{EigenError, Hooks, Phase};
 use crate::random::Random;
-use faer::dyn_stack::MemBuffer;
-use faer::linalg::matmul::matmul;
-use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
-use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
+use faer::Mat;
 
-/// Ritz pairs of the inverse are accepted at this residual relative to their value. [`refine`] then brings the residual of A itself to about 1e-12.
-const RITZ_TOLERANCE: f64 = 1e-8;
+/// Blocks that follow a restart before convergence is looked at: fewer would not show what the new block has found.
+const SETTLING: usize = 6;
 
-/// A column that shrinks by this factor under orthogonalisation lies in the span already: only rounding error is left of it.
-const DEPENDENT: f64 = 1e-12;
+/// A block that shrinks by this factor under orthogonalisation lay in the span already: only rounding errors are left of it.
+const DEPENDENT: f64 = 1e-13;
 
 pub(super) struct Run<'a> {
-    pub problem: &'a Problem<'a>,
-    pub factor: &'a Factor<'a>,
-    /// Orthonormal columns already known, to stay away from.
-    pub locked: MatRef<'a, f64>,
-    /// How many eigenvectors are wanted, those nearest above sigma.
-    pub want: usize,
-    pub block_size: usize,
+    pub n: usize,
+    pub shift: f64,
+    /// Eigenvalues below the shift beyond the null space, by inertia.
+    pub count_below: usize,
+    pub factor: &'a Packed,
+    pub null: &'a Null,
+    pub reach: Reach,
+    /// Accepted residual relative to the eigenvalue.
+    pub tolerance: f64,
+    /// How often a fresh random block joins: each finds up to eight more copies of multiple eigenvalues.
+    pub restarts: usize,
     pub seed: u64,
 }
 
-/// The growing Krylov basis and the projection of the inverse onto it.
-struct Krylov<'a> {
-    run: &'a Run<'a>,
-    /// Orthonormal columns, of which the first `starts.last()` are in use.
-    basis: Mat<f64>,
-    /// Where each block begins, and the end of the last.
-    starts: Vec<usize>,
-    /// Diagonal blocks of the projection.
-    diagonal: Vec<Mat<f64>>,
-    /// Blocks below the diagonal: block j + 1 times `below[j]` is what was left of the inverse times block j.
-    below: Vec<Mat<f64>>,
-    random: Random,
-    scratch: MemBuffer,
+/// Eigenpairs of A found by one run, ascending; vectors of unit norm in elimination order.
+pub(super) struct Found {
+    pub values: Vec<f64>,
+    pub vectors: Store,
+    /// A gap above the last pair.
+    pub cut: f64,
+    /// Relative width of that gap.
+    pub gap: f64,
+    /// The shift.
+    pub shift: f64,
+    /// Eigenvalues below the shift beyond the null space, by inertia.
+    pub count_below: usize,
 }
 
-/// Approximate eigenvectors of A, orthonormal, by ascending eigenvalue; `want` of them unless the space has no more.
-pub(super) fn lanczos(run: &Run<'_>, hooks: &dyn Hooks) -> Result<Mat<f64>, EigenError> {
-    let mut krylov = Krylov::new(run);
-    let mut next_check = 2 * run.want + 2 * run.block_size;
+struct Krylov<'a> {
+    run: &'a Run<'a>,
+    basis: Basis<'a>,
+    w: Rows,
+    /// Diagonal blocks of the projection of B, and those below: V_(j+1) below[j] is what was left of B V_j.
+    diagonal: Vec<Block>,
+    below: Vec<Block>,
+    /// Where a fresh block replaced what was left of B V_j: j, and the Gram matrix of what was dropped.
+    dropped: Vec<(usize, Block)>,
+    random: Random,
+    /// No check for convergence before so many blocks.
+    next_check: usize,
+}
+
+/// Finds the pairs that `run.reach` asks for.
+pub(super) fn lanczos(run: &Run<'_>, hooks: &dyn Hooks, step: &dyn Fn()) -> Result<Found, EigenError> {
+    let mut krylov = Krylov::new(run)?;
+    let limit = (run.n - run.null.count) / WIDTH;
+    let mut wait = 1;
     loop {
         if hooks.cancelled() {
             return Err(EigenError::Cancelled);
         }
-        hooks.progress((krylov.dimension() as f64 / (3 * run.want + 4 * run.block_size) as f64).min(0.9));
-        let exhausted = krylov.extend() == 0;
-        let dimension = krylov.starts[krylov.starts.len() - 2];
-        if exhausted || dimension >= next_check {
-            if let Some(vectors) = krylov.converged(exhausted)? {
-                return Ok(vectors);
+        let blocks = krylov.diagonal.len();
+        if blocks >= limit {
+            return Err(EigenError::Exhausted);
+        }
+        krylov.extend(false, hooks)?;
+        step();
+        if krylov.diagonal.len() < krylov.next_check {
+            continue;
+        }
+        hooks.phase(Phase::Projected);
+        let (projected, verdict) = krylov.judge()?;
+        match verdict {
+            Verdict::Done(chosen) if krylov.dropped.len() >= run.restarts => {
+                hooks.phase(Phase::Vectors);
+                return krylov.found(&projected, &chosen);
             }
-            next_check = dimension + (dimension / 12).max(2 * run.block_size);
+            Verdict::Done(_) | Verdict::Short => krylov.extend(true, hooks)?,
+            Verdict::NotYet => {
+                krylov.next_check = blocks + 1 + wait;
+                wait += 1;
+            }
         }
     }
+}
+
+/// Blocks that convergence takes, measured: with pairs on both sides of the shift up to the end of the spectrum on one of them, or up to a window's edge.
+pub(super) fn expected_blocks(pairs: usize, from_bottom: bool) -> usize {
+    let vectors = if from_bottom { 1.75 * pairs as f64 + 60.0 } else { 2.05 * pairs as f64 + 90.0 };
+    (vectors / WIDTH as f64).ceil() as usize
+}
+
+/// Eigenvalues and vectors of the projection of B.
+struct Projected {
+    values: Vec<f64>,
+    vectors: Mat<f64>,
 }
 
 impl<'a> Krylov<'a> {
-    fn new(run: &'a Run<'a>) -> Self {
-        let n = run.problem.n();
-        let width = run.block_size.min(n - run.problem.nullity() - run.locked.ncols());
-        let capacity = (3 * run.want + 6 * run.block_size).min(n);
+    fn new(run: &'a Run<'a>) -> Result<Self, EigenError> {
+        let first_check = expected_blocks(run.reach.expected, run.reach.from_bottom());
         let mut krylov = Self {
             run,
-            basis: Mat::zeros(n, capacity.max(width)),
-            starts: vec![0],
+            basis: Basis::new(run.n, first_check + first_check / 6 + 4, run.null)?,
+            w: Rows::zeroed(padded(run.n)).map_err(|_| EigenError::Memory)?,
             diagonal: Vec::new(),
             below: Vec::new(),
+            dropped: Vec::new(),
             random: Random::from_state(run.seed),
-            scratch: run.factor.scratch(run.block_size),
+            next_check: first_check,
         };
-        let mut block = Mat::from_fn(n, width, |_, _| krylov.random.signed());
-        // One inverse step: the start is smooth, as the wanted vectors are.
-        run.factor.solve(block.as_mut(), &mut krylov.scratch);
-        krylov.orthonormalise(&mut block);
-        krylov.append(&block);
-        krylov
+        krylov.fresh_block(true)?;
+        Ok(krylov)
     }
 
-    fn dimension(&self) -> usize {
-        self.starts[self.starts.len() - 1]
-    }
-
-    fn append(&mut self, block: &Mat<f64>) {
-        let (from, n) = (self.dimension(), self.run.problem.n());
-        let to = from + block.ncols();
-        if to > self.basis.ncols() {
-            self.basis.resize_with(n, (to + to / 4).min(n), |_, _| 0.0);
-        }
-        self.basis.as_mut().subcols_mut(from, block.ncols()).copy_from(block);
-        self.starts.push(to);
-    }
-
-    /// One step of the recurrence; returns the width of the new block, 0 when the space is exhausted.
-    fn extend(&mut self) -> usize {
-        let last = self.starts.len() - 2;
-        let (from, to) = (self.starts[last], self.starts[last + 1]);
-        let mut block = self.basis.subcols(from, to - from).to_owned();
-        self.run.factor.solve(block.as_mut(), &mut self.scratch);
-        let scale = column_norms(block.as_ref());
+    /// One step of the recurrence: B times the last panel, orthonormalised against everything known, becomes the next one; or a fresh
+    /// block does, if that is wanted or nothing is left.
+    fn extend(&mut self, fresh: bool, hooks: &dyn Hooks) -> Result<(), EigenError> {
+        let last = self.basis.count() - 1;
+        hooks.phase(Phase::Solve);
+        let w = self.w.as_mut_slice();
+        self.basis.copy(last, w);
+        self.run.factor.solve(&mut w[..self.run.n]);
+        hooks.phase(Phase::Orthogonalise);
         // The three-term recurrence first, so that the pass over the whole basis removes only rounding errors.
-        let near = self.starts[last.saturating_sub(1)];
-        let mut diagonal = Mat::zeros(to - from, to - from);
-        for begin in [near, 0] {
-            self.remove_known(block.as_mut());
-            let part = self.basis.subcols(begin, to - begin);
-            let along = inner(part, block.as_ref());
-            subtract(block.as_mut(), part, along.as_ref());
-            diagonal += along.subrows(from - begin, to - from);
+        let before = (last > 0).then(|| transposed(&self.below[last - 1]));
+        let diagonal = symmetrised(&self.basis.local(w, before.as_ref()));
+        let along = self.basis.along(w, Some(&diagonal));
+        let gram = self.basis.remove(w, &along);
+        self.diagonal.push(diagonal);
+        let size = largest(&diagonal).max(before.as_ref().map_or(0.0, largest));
+        let left = (0..WIDTH).map(|i| gram[i][i]).fold(0.0, f64::max).sqrt();
+        let below = if !fresh && left > DEPENDENT * size { self.append(&gram)? } else { None };
+        if let Some(below) = below {
+            self.below.push(below);
+            return Ok(());
         }
-        let symmetric = Mat::from_fn(to - from, to - from, |i, j| 0.5 * (diagonal[(i, j)] + diagonal[(j, i)]));
-        self.diagonal.push(symmetric);
-        let known = self.run.problem.nullity() + self.run.locked.ncols();
-        let width = (to - from).min(self.run.problem.n() - known - to);
-        let below = self.factor_block(&mut block, &scale);
-        self.below.push(below.subrows(0, width).to_owned());
-        self.append(&block.subcols(0, width).to_owned());
-        width
+        self.dropped.push((last, gram));
+        self.below.push(ZERO);
+        self.next_check = self.next_check.max(self.diagonal.len() + SETTLING);
+        self.fresh_block(false)
     }
 
-    /// block = Q R with Q replacing the block and orthogonal to all that is known. Columns that depend on the others are replaced by
-    /// random ones, with zeros in R: the recurrence then goes on in a part of the space not seen yet.
-    fn factor_block(&mut self, block: &mut Mat<f64>, scale: &[f64]) -> Mat<f64> {
-        let width = block.ncols();
-        let mut r = Mat::<f64>::zeros(width, width);
-        for j in 0..width {
-            for _ in 0..2 {
-                for i in 0..j {
-                    let along = column_dot(block.as_ref(), i, j);
-                    r[(i, j)] += along;
-                    add_column(block, j, i, -along);
-                }
-            }
-            let norm = column_dot(block.as_ref(), j, j).sqrt();
-            if norm > DEPENDENT * scale[j] {
-                r[(j, j)] = norm;
-                scale_column(block, j, 1.0 / norm);
-            } else if !self.replace_column(block, j) {
-                block.col_mut(j).fill(0.0);
-            }
-        }
-        // Where a column shrank much, what was left of the old basis in it grew: clean once more.
-        let smallest = (0..width).fold(f64::INFINITY, |m, j| m.min(r[(j, j)] / scale[j]));
-        if smallest < 1e-3 {
-            self.clean(block);
-        }
-        r
+    /// Cholesky QR, twice, of w with this Gram matrix; appends Q and returns R. Nothing if the columns are dependent.
+    fn append(&mut self, gram: &Block) -> Result<Option<Block>, EigenError> {
+        let Some(first) = cholesky(gram) else { return Ok(None) };
+        let w = self.w.as_mut_slice();
+        let again = self.basis.multiply(w, &inverse(&first));
+        let Some(second) = cholesky(&again) else { return Ok(None) };
+        self.basis.append(w, &inverse(&second))?;
+        Ok(Some(product(&second, &first)))
     }
 
-    /// Orthogonalises against everything known and inside the block, without recording coefficients.
-    fn clean(&mut self, block: &mut Mat<f64>) {
-        self.remove_known(block.as_mut());
-        let used = self.basis.subcols(0, self.dimension());
-        let along = inner(used, block.as_ref());
-        subtract(block.as_mut(), used, along.as_ref());
-        for j in 0..block.ncols() {
-            for i in 0..j {
-                let along = column_dot(block.as_ref(), i, j);
-                add_column(block, j, i, -along);
-            }
-            let norm = column_dot(block.as_ref(), j, j).sqrt();
-            if norm > 0.0 {
-                scale_column(block, j, 1.0 / norm);
-            }
-        }
-    }
-
-    fn orthonormalise(&mut self, block: &mut Mat<f64>) {
-        let scale = column_norms(block.as_ref());
-        self.remove_known(block.as_mut());
-        self.factor_block(block, &scale);
-        self.clean(block);
-    }
-
-    /// Puts a random unit vector orthogonal to everything into a column; false if there is no room for one.
-    fn replace_column(&mut self, block: &mut Mat<f64>, j: usize) -> bool {
-        let n = block.nrows();
-        let used = self.dimension();
+    /// Appends a random block, orthogonal to all that is known.
+    fn fresh_block(&mut self, smooth: bool) -> Result<(), EigenError> {
         for _ in 0..3 {
-            let mut fresh = Mat::from_fn(n, 1, |_, _| self.random.signed());
-            let before = column_norms(fresh.as_ref())[0];
-            for _ in 0..3 {
-                self.remove_known(fresh.as_mut());
-                for part in [self.basis.subcols(0, used), block.subcols(0, j)] {
-                    let along = inner(part, fresh.as_ref());
-                    subtract(fresh.as_mut(), part, along.as_ref());
-                }
+            let w = self.w.as_mut_slice();
+            for row in &mut w[..self.run.n] {
+                *row = std::array::from_fn(|_| self.random.signed());
             }
-            let norm = column_norms(fresh.as_ref())[0];
-            if norm > 1e-6 * before {
-                scale_column(&mut fresh, 0, 1.0 / norm);
-                block.col_mut(j).copy_from(fresh.col(0));
-                return true;
+            w[self.run.n..].fill([0.0; WIDTH]);
+            if smooth {
+                // One step of B: the start is smooth, as the wanted vectors are.
+                self.run.factor.solve(&mut w[..self.run.n]);
+            }
+            let mut gram = ZERO;
+            for _ in 0..2 {
+                let along = self.basis.along(w, None);
+                gram = self.basis.remove(w, &along);
+            }
+            if self.append(&gram)?.is_some() {
+                return Ok(());
             }
         }
-        false
+        Err(EigenError::Exhausted)
     }
 
-    fn remove_known(&self, mut block: MatMut<'_, f64>) {
-        self.run.problem.project_out_kernel(block.as_mut());
-        if self.run.locked.ncols() > 0 {
-            let along = inner(self.run.locked, block.as_ref());
-            subtract(block, self.run.locked, along.as_ref());
-        }
-    }
-
-    /// The wanted Ritz vectors if their residuals are small, or in any case if the space is exhausted.
-    fn converged(&self, exhausted: bool) -> Result<Option<Mat<f64>>, EigenError> {
+    /// Solves the projected problem, and judges it.
+    fn judge(&self) -> Result<(Projected, Verdict), EigenError> {
         let blocks = self.diagonal.len();
-        let m = self.starts[blocks];
+        let m = blocks * WIDTH;
         let mut projection = Mat::<f64>::zeros(m, m);
         for j in 0..blocks {
-            let (at, width) = (self.starts[j], self.starts[j + 1] - self.starts[j]);
-            projection.as_mut().submatrix_mut(at, at, width, width).copy_from(&self.diagonal[j]);
-            if j + 1 < blocks {
-                let below = &self.below[j];
-                projection.as_mut().submatrix_mut(at + width, at, below.nrows(), width).copy_from(below);
+            for p in 0..WIDTH {
+                for q in 0..WIDTH {
+                    projection[(j * WIDTH + p, j * WIDTH + q)] = self.diagonal[j][p][q];
+                    if j + 1 < blocks {
+                        projection[((j + 1) * WIDTH + p, j * WIDTH + q)] = self.below[j][p][q];
+                    }
+                }
             }
         }
         let (values, vectors) = symmetric_eigen(projection.as_ref())?;
-        let take = self.run.want.min(m);
-        // Largest inverse first: ascending eigenvalues of A.
-        let order: Vec<usize> = (0..take).map(|i| m - 1 - i).collect();
-        let last = &self.below[blocks - 1];
-        let tail = vectors.subrows(m - last.ncols(), last.ncols());
-        let settled = order.iter().all(|&c| {
-            let residual = product(last.as_ref(), tail.subcols(c, 1));
-            column_norms(residual.as_ref())[0] <= RITZ_TOLERANCE * values[c].abs()
-        });
-        let complete = settled && take == self.run.want;
-        if complete || exhausted {
-            let selected = Mat::from_fn(m, take, |i, c| vectors[(i, order[c])]);
-            return Ok(Some(product(self.basis.subcols(0, m), selected.as_ref())));
+        let ritz = self.ritz(&values, &vectors);
+        let verdict = self.run.reach.judge(&ritz, self.run.shift, self.run.tolerance);
+        Ok((Projected { values, vectors }, verdict))
+    }
+
+    /// All Ritz pairs with positive eigenvalues of A, ascending, with the residuals that purification will leave.
+    fn ritz(&self, values: &[f64], vectors: &Mat<f64>) -> Vec<Ritz> {
+        let last = self.below.len() - 1;
+        let rest = product(&transposed(&self.below[last]), &self.below[last]);
+        let square = |gram: &Block, block: usize, column: usize| -> f64 {
+            let s: Row = std::array::from_fn(|p| vectors[(block * WIDTH + p, column)]);
+            (0..WIDTH).map(|p| s[p] * (0..WIDTH).map(|q| gram[p][q] * s[q]).sum::<f64>()).sum()
+        };
+        let mut ritz: Vec<Ritz> = Vec::with_capacity(values.len());
+        for (column, &theta) in values.iter().enumerate() {
+            let value = self.run.shift + 1.0 / theta;
+            if value > 0.0 && value.is_finite() {
+                let dropped: f64 = self.dropped.iter().map(|(block, gram)| square(gram, *block, column)).sum();
+                let residual = (square(&rest, last, column) + dropped).max(0.0).sqrt() / (theta * theta);
+                ritz.push(Ritz { value, residual, column });
+            }
         }
-        Ok(None)
+        ritz.sort_by(|a, b| a.value.total_cmp(&b.value).then(a.column.cmp(&b.column)));
+        ritz
+    }
+
+    /// Purified Ritz vectors of unit norm.
+    fn found(&self, projected: &Projected, chosen: &Chosen) -> Result<Found, EigenError> {
+        let m = self.diagonal.len() * WIDTH;
+        let last = &self.below[self.below.len() - 1];
+        let mut c = Mat::<f64>::zeros(m + WIDTH, chosen.pairs.len());
+        for (j, ritz) in chosen.pairs.iter().enumerate() {
+            let theta = projected.values[ritz.column];
+            let s = |i: usize| projected.vectors[(i, ritz.column)];
+            let mut norm = 1.0;
+            for p in 0..WIDTH {
+                let next: f64 = (0..WIDTH).map(|q| last[p][q] * s(m - WIDTH + q)).sum::<f64>() / theta;
+                c[(m + p, j)] = next;
+                norm += next * next;
+            }
+            let scale = 1.0 / norm.sqrt();
+            for i in 0..m {
+                c[(i, j)] = s(i) * scale;
+            }
+            for p in 0..WIDTH {
+                c[(m + p, j)] *= scale;
+            }
+        }
+        Ok(Found {
+            values: chosen.pairs.iter().map(|r| r.value).collect(),
+            vectors: self.basis.combine(c.as_ref())?,
+            cut: chosen.cut,
+            gap: chosen.gap,
+            shift: self.run.shift,
+            count_below: self.run.count_below,
+        })
     }
 }
 
-/// One step of inverse iteration on a basis of approximate eigenvectors, Rayleigh-Ritz, and orthonormalisation. Components far up the
-/// spectrum, which residuals of the inverse hardly show, are damped. Returns nothing if the columns are not independent.
-pub(super) fn refine(problem: &Problem<'_>, factor: &Factor<'_>, y: &Mat<f64>) -> Result<Option<Mat<f64>>, EigenError> {
-    let k = y.ncols();
-    let mut z = y.clone();
-    factor.solve(z.as_mut(), &mut factor.scratch(k));
-    problem.project_out_kernel(z.as_mut());
-    let t = inner(y.as_ref(), z.as_ref());
-    let t = Mat::from_fn(k, k, |i, j| 0.5 * (t[(i, j)] + t[(j, i)]));
-    let (values, vectors) = symmetric_eigen(t.as_ref())?;
-    let rotation = Mat::from_fn(k, k, |i, j| vectors[(i, k - 1 - j)] / values[k - 1 - j]);
-    Ok(orthonormalise(product(z.as_ref(), rotation.as_ref())))
-}
-
-/// Orthonormal columns with the same leading spans, by two Cholesky QR passes; nothing if the columns are dependent.
-pub(super) fn orthonormalise(mut y: Mat<f64>) -> Option<Mat<f64>> {
-    for _ in 0..2 {
-        let gram = inner(y.as_ref(), y.as_ref());
-        let cholesky = gram.llt(Side::Lower).ok()?;
-        solve_lower_triangular_in_place(cholesky.L(), y.as_mut().transpose_mut(), Par::Seq);
-    }
-    Some(y)
-}
-
-fn subtract(target: MatMut<'_, f64>, part: MatRef<'_, f64>, along: MatRef<'_, f64>) {
-    matmul(target, Accum::Add, part, along, -1.0, Par::Seq);
-}
-
-fn column_norms(m: MatRef<'_, f64>) -> Vec<f64> {
-    (0..m.ncols()).map(|j| column_dot(m, j, j).sqrt()).collect()
-}
-
-fn column_dot(m: MatRef<'_, f64>, i: usize, j: usize) -> f64 {
-    inner(m.subcols(i, 1), m.subcols(j, 1))[(0, 0)]
-}
-
-fn add_column(m: &mut Mat<f64>, to: usize, from: usize, factor: f64) {
-    for i in 0..m.nrows() {
-        let x = m[(i, from)];
-        m[(i, to)] += factor * x;
-    }
-}
-
-fn scale_column(m: &mut Mat<f64>, j: usize, factor: f64) {
-    for i in 0..m.nrows() {
-        m[(i, j)] *= factor;
-    }
+fn largest(block: &Block) -> f64 {
+    block.as_flattened().iter().fold(0.0, |m, x| m.max(x.abs()))
 }

@@ -1,6 +1,8 @@
 //! The scaled problem A y = lambda y, A = R^-1 M R^-1 with R = (S / area)^1/2, whose eigenvalues are the original ones times the area.
 
 use super::EigenError;
+use super::basis::Null;
+use super::panel::{Row, Simd, WIDTH};
 use crate::sparse::SymmetricCsr;
 use faer::MatMut;
 use faer::prelude::Reborrow;
@@ -87,6 +89,13 @@ impl<'a> Problem<'a> {
         Some((label, self.root[vertex] / self.component_roots[label]))
     }
 
+    /// The null space by rows in elimination order.
+    pub(super) fn null(&self, order: &[u32]) -> Null {
+        let entry = |v: &u32| self.null_entry(*v as usize);
+        let (labels, units) = order.iter().filter_map(entry).map(|(label, unit)| (label as u32, unit)).unzip();
+        Null { labels, units, count: self.nullity() }
+    }
+
     /// Removes the null space from every column.
     pub(super) fn project_out_kernel(&self, columns: MatMut<'_, f64>) {
         if self.kernel.is_none() {
@@ -117,34 +126,67 @@ impl<'a> Problem<'a> {
         values
     }
 
-    /// M v, from differences of neighbouring values: smooth vectors lose no digits to the cancellation in rows that sum to zero.
-    fn apply_stiffness(&self, v: &[f64], row: usize) -> f64 {
-        let differences: f64 = self.stiffness.row(row).map(|(j, m)| -m * (v[row] - v[j])).sum();
-        differences + self.row_sums[row] * v[row]
+    /// How good eight approximate eigenvectors v = R^-1 y of unit norm in y are.
+    pub(super) fn examine(&self, simd: Simd, v: &[Row]) -> Quality {
+        simd.run(
+            #[inline(always)]
+            || {
+                let values = self.rayleigh_quotients(v);
+                let (residuals, rounding) = self.residuals(&values, v);
+                Quality { values, residuals, rounding }
+            },
+        )
     }
 
-    /// The Rayleigh quotient of y as v = R^-1 y, i.e. an eigenvalue of A.
-    pub(super) fn rayleigh_quotient(&self, v: &[f64]) -> f64 {
-        let mut energy = 0.0;
-        let mut norm = 0.0;
-        for i in 0..self.n() {
-            let edges: f64 = self.stiffness.row(i).map(|(j, m)| -m * (v[i] - v[j]) * (v[i] - v[j])).sum();
-            energy += 0.5 * edges + self.row_sums[i] * v[i] * v[i];
-            norm += (self.root[i] * v[i]).powi(2);
-        }
-        energy / norm
-    }
-
-    /// The norm of A y - lambda y, y = R v of unit norm, and what rounding alone may make it.
-    pub(super) fn residual(&self, lambda: f64, v: &[f64]) -> (f64, f64) {
-        let (mut norm, mut rounding) = (0.0, 0.0);
-        for i in 0..self.n() {
+    /// Rayleigh quotients, i.e. eigenvalues of A, from differences of neighbouring values: smooth vectors lose no digits to the
+    /// cancellation in rows that sum to zero.
+    #[inline(always)]
+    fn rayleigh_quotients(&self, v: &[Row]) -> Row {
+        let (mut energy, mut norm) = ([0.0; WIDTH], [0.0; WIDTH]);
+        for (i, x) in v.iter().enumerate() {
+            let mut edges = [0.0; WIDTH];
+            for (j, m) in self.stiffness.row(i) {
+                for q in 0..WIDTH {
+                    let difference = x[q] - v[j][q];
+                    edges[q] = (-m * difference).mul_add(difference, edges[q]);
+                }
+            }
             let r = self.root[i];
-            let residual = (self.apply_stiffness(v, i) - lambda * r * r * v[i]) / r;
-            let magnitude = self.stiffness.row(i).map(|(j, m)| (m * v[j]).abs()).sum::<f64>() / r;
-            norm += residual * residual;
-            rounding += magnitude * magnitude;
+            for q in 0..WIDTH {
+                energy[q] += (self.row_sums[i] * x[q]).mul_add(x[q], 0.5 * edges[q]);
+                norm[q] += (r * x[q]) * (r * x[q]);
+            }
         }
-        (norm.sqrt(), f64::EPSILON * rounding.sqrt())
+        std::array::from_fn(|q| energy[q] / norm[q])
     }
+
+    /// The norms of A y - lambda y, and what rounding alone may make them.
+    #[inline(always)]
+    fn residuals(&self, lambda: &Row, v: &[Row]) -> (Row, Row) {
+        let (mut norm, mut rounding) = ([0.0; WIDTH], [0.0; WIDTH]);
+        for (i, x) in v.iter().enumerate() {
+            let (mut product, mut magnitude) = ([0.0; WIDTH], [0.0; WIDTH]);
+            for (j, m) in self.stiffness.row(i) {
+                for q in 0..WIDTH {
+                    product[q] = (-m).mul_add(x[q] - v[j][q], product[q]);
+                    magnitude[q] += (m * v[j][q]).abs();
+                }
+            }
+            let r = self.root[i];
+            for q in 0..WIDTH {
+                let residual = (product[q] + self.row_sums[i] * x[q] - lambda[q] * r * r * x[q]) / r;
+                let magnitude = magnitude[q] / r;
+                norm[q] = residual.mul_add(residual, norm[q]);
+                rounding[q] = magnitude.mul_add(magnitude, rounding[q]);
+            }
+        }
+        (norm.map(f64::sqrt), rounding.map(|x| f64::EPSILON * x.sqrt()))
+    }
+}
+
+/// Eigenvalues, residuals and their rounding errors for the vectors of a panel.
+pub(super) struct Quality {
+    pub values: Row,
+    pub residuals: Row,
+    pub rounding: Row,
 }

@@ -1,27 +1,24 @@
-//! From approximate vectors to certified pairs: refinement, the cut, the count, deflated rounds for what was missed.
+//! From a problem to certified pairs: the method, the attempts, the certificate.
 
-use super::dense::{lifted, symmetric_eigen, symmetric_eigenvalues};
-use super::factor::{Factor, Factorizer};
-use super::gauge::fix_sign;
-use super::lanczos::{Run, lanczos, orthonormalise, refine};
-use super::pairs::{Cut, Pairs, place_cut};
+use super::basis::{Null, RUN};
+use super::certify::{Columns, UNCERTIFIED};
+use super::cut::place_cut;
+use super::dense::{lifted, orthonormalise, refine, symmetric_eigen, symmetric_eigenvalues};
+use super::factor::Factorizer;
+use super::lanczos::expected_blocks;
+use super::panel::WIDTH;
 use super::problem::Problem;
-use super::{Certificate, EigenError, Eigenpairs, Hooks, Method, Options};
-use faer::Mat;
-use std::cell::Cell;
+use super::slices::{Attempt, Spectrum, Union, union};
+use super::vectors::{Store, Vectors};
+use super::{Certificate, EigenError, Eigenpairs, Hooks, Method, Options, Phase};
 use std::f64::consts::PI;
-
-/// Shifts tried in turn, in units of the first eigenvalue that Weyl's law expects of a surface of unit area.
-const SHIFTS: [f64; 3] = [-1.0, -0.3, -3.7];
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Accepted departure of V' S V from the identity.
 const ORTHOGONALITY: f64 = 1e-10;
 
-/// Deflated rounds per attempt: enough for eight times as many copies of one eigenvalue.
-const ROUNDS: usize = 40;
-
-/// When vectors turn out dependent, or no cut exists, there is nothing to count.
-const UNCERTIFIED: EigenError = EigenError::NotCertified { expected: 0, found: 0, residual: f64::NAN };
+/// Attempts before giving up, each with other shifts and, if pairs were missing, more fresh blocks.
+const ATTEMPTS: usize = 6;
 
 /// See [`super::eigenpairs`]; without a kernel, all eigenvalues count as positive.
 pub(crate) fn solve(
@@ -31,52 +28,44 @@ pub(crate) fn solve(
     hooks: &dyn Hooks,
 ) -> Result<Eigenpairs, EigenError> {
     check(problem, k, options)?;
-    let hooks = &Forward { hooks, reached: Cell::new(0.0) };
+    let hooks = &Forward { hooks, reached: AtomicU64::new(0) };
     hooks.progress(0.0);
     if hooks.cancelled() {
         return Err(EigenError::Cancelled);
     }
-    let nullity = problem.nullity();
-    let available = problem.n() - nullity;
+    hooks.phase(Phase::Order);
     let factorizer = Factorizer::new(problem)?;
-    let wanted = k.saturating_sub(nullity);
-    let mut attempt =
-        Attempt { problem, factorizer: &factorizer, options, hooks, k, wanted, extra: 6 + wanted / 16, number: 0 };
-    loop {
-        match attempt.run() {
-            Ok((pairs, certificate)) => {
-                hooks.progress(1.0);
-                return Ok(finish(problem, k, &pairs, certificate));
-            }
-            // A cluster reaches beyond the pairs computed; with all of them there always is a cut.
-            Err(Failure::NoGap) if attempt.extra < available => {
-                attempt.extra = (4 * attempt.extra).min(available);
-            }
-            Err(Failure::NoGap) => return Err(UNCERTIFIED),
-            Err(Failure::Uncertified(error)) => {
-                attempt.number += 1;
-                if matches!(error, EigenError::Cancelled) || attempt.number == SHIFTS.len() {
-                    return Err(error);
-                }
-            }
-        }
-    }
+    let order = factorizer.order();
+    let null = problem.null(&order);
+    let solver = Solver { problem, factorizer: &factorizer, order: &order, null: &null, k, options, hooks };
+    let found = solver.attempts()?;
+    hooks.progress(1.0);
+    Ok(found)
 }
 
-/// Keeps progress from falling back when a further round or attempt begins.
+/// Keeps progress from falling back when a further attempt begins.
 struct Forward<'a> {
     hooks: &'a dyn Hooks,
-    reached: Cell<f64>,
+    reached: AtomicU64,
 }
 
 impl Hooks for Forward<'_> {
     fn progress(&self, fraction: f64) {
-        self.reached.set(self.reached.get().max(fraction));
-        self.hooks.progress(self.reached.get());
+        // Bits of positive numbers are ordered as the numbers are.
+        let before = self.reached.fetch_max(fraction.to_bits(), Ordering::Relaxed);
+        self.hooks.progress(fraction.max(f64::from_bits(before)));
     }
 
     fn cancelled(&self) -> bool {
         self.hooks.cancelled()
+    }
+
+    fn phase(&self, phase: Phase) {
+        self.hooks.phase(phase);
+    }
+
+    fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
+        self.hooks.each(count, task);
     }
 }
 
@@ -90,190 +79,160 @@ fn check(problem: &Problem<'_>, k: usize, options: &Options) -> Result<(), Eigen
     if !(options.tolerance > 0.0 && options.tolerance <= 1e-2) {
         return Err(EigenError::Option { name: "tolerance" });
     }
-    if !(1..=64).contains(&options.block_size) {
-        return Err(EigenError::Option { name: "block_size" });
-    }
     Ok(())
 }
 
-/// Why an attempt came to nothing.
-enum Failure {
-    /// No gap in the spectrum to place the cut in.
-    NoGap,
-    /// Something else, which another shift may mend.
-    Uncertified(EigenError),
-}
-
-impl From<EigenError> for Failure {
-    fn from(error: EigenError) -> Self {
-        Self::Uncertified(error)
-    }
-}
-
-struct Attempt<'a> {
+struct Solver<'a> {
     problem: &'a Problem<'a>,
     factorizer: &'a Factorizer,
+    order: &'a [u32],
+    null: &'a Null,
+    k: usize,
     options: &'a Options,
     hooks: &'a dyn Hooks,
-    /// Eigenpairs asked for, and those among them beyond the null space.
-    k: usize,
-    wanted: usize,
-    /// Pairs computed beyond those, to find a gap.
-    extra: usize,
-    number: usize,
 }
 
-impl Attempt<'_> {
-    fn run(&self) -> Result<(Pairs, Certificate), Failure> {
-        let shift = 4.0 * PI * SHIFTS[self.number];
-        let factor = self.factorizer.factor(shift)?;
-        let available = self.problem.n() - self.problem.nullity();
-        let want = (self.wanted + self.extra).min(available);
-        let dense = self.problem.n() <= self.options.dense_limit || 3 * want > self.problem.n();
-        let start = if dense { self.dense(want)? } else { self.lanczos(&factor, &Mat::new(), want, 0)? };
-        let mut pairs = self.refined(&factor, start)?;
-        let mut worst = (0, 0);
-        for round in 1..ROUNDS {
-            let cut = place_cut(&pairs.values, self.wanted, available).ok_or(Failure::NoGap)?;
-            let expected = self.factorizer.count_below(cut.value, cut.width)?;
-            let found = self.problem.nullity() + cut.position;
-            worst = (expected, found);
-            if expected == found {
-                return self.certify(
-                    pairs,
-                    &cut,
-                    expected,
-                    if dense { Method::Dense } else { Method::Lanczos },
-                    round - usize::from(dense),
-                );
-            }
-            if expected < found {
-                break; // a duplicate or a spurious value: start again elsewhere
-            }
-            let more = (expected - found + 2).min(available - pairs.values.len());
-            if more == 0 {
-                break;
-            }
-            let fresh = self.lanczos(&factor, &pairs.y, more, round)?;
-            pairs = self.refined(&factor, side_by_side(&pairs.y, &fresh))?;
-        }
-        let residual = pairs.worst_residual(self.problem, self.wanted, self.options.tolerance).0;
-        Err(EigenError::NotCertified { expected: worst.0, found: worst.1, residual }.into())
+impl Solver<'_> {
+    /// Eigenvalues wanted beyond the null space.
+    fn wanted(&self) -> usize {
+        self.k.saturating_sub(self.null.count)
     }
 
-    /// The lowest vectors of a full decomposition, past the first gap above the wanted ones.
-    fn dense(&self, want: usize) -> Result<Mat<f64>, EigenError> {
+    fn attempts(&self) -> Result<Eigenpairs, EigenError> {
+        let n = self.problem.n();
+        let krylov = WIDTH * expected_blocks(self.wanted(), true);
+        if n <= self.options.dense_limit || 2 * krylov > n {
+            return self.certified(self.dense()?, Method::Dense, 0);
+        }
+        let mut attempt = Attempt { number: 0, restarts: 0 };
+        loop {
+            let error = match self.attempt(attempt) {
+                Err(error @ (EigenError::Cancelled | EigenError::Memory)) => return Err(error),
+                Err(EigenError::Exhausted) => return self.certified(self.dense()?, Method::Dense, 0),
+                Err(error) => error,
+                Ok(found) => return Ok(found),
+            };
+            attempt.number += 1;
+            if attempt.number == ATTEMPTS {
+                return Err(error);
+            }
+            if let EigenError::NotCertified { expected, found, .. } = error
+                && expected > found
+            {
+                attempt.restarts = 2 * attempt.restarts + (expected - found).div_ceil(WIDTH);
+            }
+        }
+    }
+
+    fn attempt(&self, attempt: Attempt) -> Result<Eigenpairs, EigenError> {
+        let spectrum = Spectrum {
+            factorizer: self.factorizer,
+            null: self.null,
+            n: self.problem.n(),
+            wanted: self.wanted(),
+            options: self.options,
+            hooks: self.hooks,
+        };
+        self.certified(union(&spectrum, attempt)?, Method::Lanczos, attempt.number + 1)
+    }
+
+    /// The lowest pairs of a full decomposition, up to the first gap above the wanted ones.
+    fn dense(&self) -> Result<Union, EigenError> {
+        let (n, wanted) = (self.problem.n(), self.wanted());
+        let available = n - self.null.count;
+        self.hooks.phase(Phase::Projected);
         let (mut values, vectors) = symmetric_eigen(lifted(self.problem).as_ref())?;
-        let available = self.problem.n() - self.problem.nullity();
         values.truncate(available);
-        let past_gap = place_cut(&values, self.wanted, available).map_or(available, |cut| cut.position + 1);
-        Ok(vectors.subcols(0, want.max(past_gap).min(available)).to_owned())
-    }
-
-    fn lanczos(
-        &self,
-        factor: &Factor<'_>,
-        locked: &Mat<f64>,
-        want: usize,
-        round: usize,
-    ) -> Result<Mat<f64>, EigenError> {
-        if want == 0 {
-            return Ok(Mat::zeros(self.problem.n(), 0));
-        }
-        let run = Run {
-            problem: self.problem,
-            factor,
-            locked: locked.as_ref(),
-            want,
-            block_size: self.options.block_size,
-            seed: 1 + (self.number * ROUNDS + round) as u64,
-        };
-        lanczos(&run, self.hooks)
-    }
-
-    /// Refines until residuals are small or stop falling.
-    fn refined(&self, factor: &Factor<'_>, start: Mat<f64>) -> Result<Pairs, EigenError> {
-        if start.ncols() == 0 {
-            return Ok(Pairs { values: Vec::new(), v: start.clone(), y: start });
-        }
+        let cut = place_cut(&values, wanted, available).ok_or(UNCERTIFIED)?;
+        let start = vectors.subcols(0, (cut.position + 1).min(available)).to_owned();
         let mut y = orthonormalise(start).ok_or(UNCERTIFIED)?;
-        for _ in 0..4 {
-            if self.hooks.cancelled() {
-                return Err(EigenError::Cancelled);
-            }
-            y = refine(self.problem, factor, &y)?.ok_or(UNCERTIFIED)?;
-            let pairs = Pairs::sorted(self.problem, &y);
-            if pairs.worst_residual(self.problem, self.wanted, self.options.tolerance).1 {
-                return Ok(pairs);
+        if y.ncols() > 0 {
+            let factor = self.factorizer.factor(-4.0 * PI)?;
+            for _ in 0..2 {
+                if self.hooks.cancelled() {
+                    return Err(EigenError::Cancelled);
+                }
+                y = refine(self.problem, &factor, self.order, &y)?.ok_or(UNCERTIFIED)?;
             }
         }
-        Ok(Pairs::sorted(self.problem, &y))
+        let expected = self.factorizer.count_below(cut.value, cut.width)?;
+        let mut store = Store::zeroed(n, cut.position)?;
+        for (run, order) in self.order.chunks(RUN).enumerate() {
+            for (j, target) in store.run_mut(run).chunks_exact_mut(RUN).enumerate() {
+                for (x, &vertex) in target.iter_mut().zip(order) {
+                    *x = y[(vertex as usize, j)];
+                }
+            }
+        }
+        let vectors = Vectors::new(vec![store], (0..cut.position).map(|j| (0, j)).collect());
+        Ok(Union { vectors, cut: cut.value, expected, last: cut.position == available })
     }
 
-    fn certify(
-        &self,
-        pairs: Pairs,
-        cut: &Cut,
-        expected: usize,
-        method: Method,
-        rounds: usize,
-    ) -> Result<(Pairs, Certificate), Failure> {
-        let found = self.problem.nullity() + cut.position;
-        let (residual, fine) = pairs.worst_residual(self.problem, self.wanted, self.options.tolerance);
-        let orthogonality = pairs.orthogonality_error(self.problem);
-        if !fine || orthogonality > ORTHOGONALITY {
-            return Err(EigenError::NotCertified { expected, found, residual }.into());
+    fn certified(&self, union: Union, method: Method, rounds: usize) -> Result<Eigenpairs, EigenError> {
+        let Union { mut vectors, cut, expected, last } = union;
+        let found = self.null.count + vectors.len();
+        let columns = Columns { problem: self.problem, null: self.null, order: self.order, hooks: self.hooks };
+        if self.hooks.cancelled() {
+            return Err(EigenError::Cancelled);
         }
-        // The spectrum around the last pair asked for, zeros included.
-        let nullity = self.problem.nullity();
-        let value = |i: usize| {
-            if i < nullity { Some(0.0) } else { pairs.values.get(i - nullity).copied() }
-        };
-        let gap_above = value(self.k).zip(value(self.k - 1)).map(
-            |(next, last)| {
-                if next > 0.0 { (next - last) / next } else { 0.0 }
-            },
-        );
+        self.hooks.phase(Phase::Certify);
+        let orthogonality = columns.orthogonalise(&mut vectors)?;
+        let findings = columns.examine(&mut vectors, self.wanted(), self.options.tolerance)?;
+        let uncertified = EigenError::NotCertified { expected, found, residual: findings.residual };
+        // Final values, not those that the cut was placed by: each pair then stands for an eigenvalue of its own below the cut.
+        let below = findings.values.last().is_none_or(|last| *last < cut);
+        if expected != found || !below || !findings.fine || orthogonality > ORTHOGONALITY {
+            return Err(uncertified);
+        }
         let certificate = Certificate {
             method,
-            cut: cut.value / self.problem.area,
+            cut: cut / self.problem.area,
             expected,
             found,
-            max_residual: residual.max(pairs.null_residual(self.problem)),
+            max_residual: findings.residual.max(columns.null_residual(findings.values.first().copied())),
             max_orthogonality_error: orthogonality,
             rounds,
-            gap_above,
+            gap_above: self.gap_above(&findings.values, cut, last),
         };
-        Ok((pairs, certificate))
+        self.hooks.progress(0.95);
+        self.finish(&columns, &vectors, &findings.values, certificate)
     }
-}
 
-fn side_by_side(a: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
-    Mat::from_fn(a.nrows(), a.ncols() + b.ncols(), |i, j| if j < a.ncols() { a[(i, j)] } else { b[(i, j - a.ncols())] })
-}
+    /// From the last pair asked for to the next, relative to that.
+    fn gap_above(&self, values: &[f64], cut: f64, last: bool) -> Option<f64> {
+        let value = |i: usize| {
+            if i < self.null.count { Some(0.0) } else { values.get(i - self.null.count).copied() }
+        };
+        let own = value(self.k - 1)?;
+        // Beyond the pairs computed, the next one is as far above the cut as the last one is below it.
+        let next = value(self.k).or_else(|| (!last).then(|| 2.0 * cut - own))?;
+        Some(if next > 0.0 { (next - own) / next } else { 0.0 })
+    }
 
-/// Back to the caller's units, null space first.
-fn finish(problem: &Problem<'_>, k: usize, pairs: &Pairs, certificate: Certificate) -> Eigenpairs {
-    let n = problem.n();
-    let null = problem.nullity().min(k);
-    let mut vectors = vec![0.0; n * k];
-    for i in 0..n {
-        if let Some((label, unit)) = problem.null_entry(i)
-            && label < null
-        {
-            vectors[label * n + i] = unit / problem.root[i] / problem.area.sqrt();
+    /// Back to the caller's units, null space first.
+    fn finish(
+        &self,
+        columns: &Columns<'_>,
+        found: &Vectors,
+        positive: &[f64],
+        certificate: Certificate,
+    ) -> Result<Eigenpairs, EigenError> {
+        let (n, k, problem) = (self.problem.n(), self.k, self.problem);
+        let null = self.null.count.min(k);
+        let mut vectors = vec![0.0; n * k];
+        for i in 0..n {
+            if let Some((label, unit)) = problem.null_entry(i)
+                && label < null
+            {
+                vectors[label * n + i] = unit / problem.root[i] / problem.area.sqrt();
+            }
         }
+        let mut values = vec![0.0; null];
+        values.extend(positive[..k - null].iter().map(|x| x / problem.area));
+        self.hooks.phase(Phase::Vectors);
+        columns.write(found, &mut vectors[null * n..])?;
+        Ok(Eigenpairs { values, vectors, n, certificate })
     }
-    let mut values = vec![0.0; null];
-    for j in 0..k - null {
-        values.push(pairs.values[j] / problem.area);
-        let target = &mut vectors[(null + j) * n..(null + j + 1) * n];
-        for (x, v) in target.iter_mut().zip(pairs.v.col_as_slice(j)) {
-            *x = v / problem.area.sqrt() + 0.0; // + 0.0: no negative zeros in an artefact
-        }
-        fix_sign(target, problem.mass);
-    }
-    Eigenpairs { values, vectors, n, certificate }
 }
 
 /// All positive eigenvalues, ascending, by the dense solver.

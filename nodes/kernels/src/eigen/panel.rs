@@ -1,0 +1,165 @@
+//! Arithmetic on panels: n x 8 matrices stored row by row, so that one SIMD register (or two) holds a row.
+//!
+//! Functions here are written as plain loops over arrays of eight, which the compiler turns into the widest instructions that [`Simd`]
+//! finds on the processor. The order of every sum is fixed by the code, not by the number of threads.
+
+use bytemuck::{cast_slice, cast_slice_mut};
+use memmap2::MmapMut;
+use std::io;
+
+/// Vectors per panel. Measured: 4 ties for small k, 16 and 32 need too many vectors.
+pub(crate) const WIDTH: usize = 8;
+
+/// One row of a panel.
+pub(crate) type Row = [f64; WIDTH];
+
+/// A small matrix: row i belongs to vector i of the left panel.
+pub(crate) type Block = [Row; WIDTH];
+
+pub(crate) const ZERO: Block = [[0.0; WIDTH]; WIDTH];
+
+/// Compiles what runs inside for the instructions of this processor.
+#[derive(Clone, Copy)]
+pub(crate) struct Simd(pulp::Arch);
+
+impl Simd {
+    pub fn new() -> Self {
+        Self(pulp::Arch::new())
+    }
+
+    #[inline(always)]
+    pub fn run<R>(self, work: impl FnOnce() -> R) -> R {
+        self.0.dispatch(work)
+    }
+}
+
+/// Zeroed rows, aligned to pages and in huge pages where the system has them: bases are read from end to end at every step.
+pub(crate) struct Rows(MmapMut);
+
+impl Rows {
+    pub fn zeroed(count: usize) -> io::Result<Self> {
+        let map = MmapMut::map_anon((count * size_of::<Row>()).max(1))?;
+        // A hint: without huge pages everything works, more slowly.
+        #[cfg(target_os = "linux")]
+        let _ = map.advise(memmap2::Advice::HugePage);
+        Ok(Self(map))
+    }
+
+    pub fn as_slice(&self) -> &[Row] {
+        let whole = self.0.len() / size_of::<Row>() * size_of::<Row>();
+        cast_slice(&self.0[..whole])
+    }
+
+    pub fn as_mut_slice(&mut self) -> &mut [Row] {
+        let whole = self.0.len() / size_of::<Row>() * size_of::<Row>();
+        cast_slice_mut(&mut self.0[..whole])
+    }
+}
+
+/// y -= l x.
+#[inline(always)]
+pub(crate) fn subtract_multiple(y: &mut Row, l: f64, x: &Row) {
+    for q in 0..WIDTH {
+        y[q] = (-l).mul_add(x[q], y[q]);
+    }
+}
+
+/// h += a' w.
+#[inline(always)]
+pub(crate) fn add_gram(h: &mut Block, a: &[Row], w: &[Row]) {
+    let mut sum = ZERO;
+    for (x, y) in a.iter().zip(w) {
+        for i in 0..WIDTH {
+            for q in 0..WIDTH {
+                sum[i][q] = x[i].mul_add(y[q], sum[i][q]);
+            }
+        }
+    }
+    add(h, &sum);
+}
+
+/// w -= a h.
+#[inline(always)]
+pub(crate) fn subtract_product(w: &mut [Row], a: &[Row], h: &Block) {
+    let (w4, w1) = w.as_chunks_mut::<4>();
+    let (a4, a1) = a.as_chunks::<4>();
+    for (y, x) in w4.iter_mut().zip(a4) {
+        let mut rows = *y;
+        for i in 0..WIDTH {
+            for r in 0..4 {
+                subtract_multiple(&mut rows[r], x[r][i], &h[i]);
+            }
+        }
+        *y = rows;
+    }
+    for (y, x) in w1.iter_mut().zip(a1) {
+        for i in 0..WIDTH {
+            subtract_multiple(y, x[i], &h[i]);
+        }
+    }
+}
+
+/// w <- w h.
+#[inline(always)]
+pub(crate) fn multiply_right(w: &mut [Row], h: &Block) {
+    for y in w {
+        let x = *y;
+        let mut row = [0.0; WIDTH];
+        for i in 0..WIDTH {
+            for q in 0..WIDTH {
+                row[q] = x[i].mul_add(h[i][q], row[q]);
+            }
+        }
+        *y = row;
+    }
+}
+
+pub(crate) fn add(a: &mut Block, b: &Block) {
+    for (x, y) in a.as_flattened_mut().iter_mut().zip(b.as_flattened()) {
+        *x += y;
+    }
+}
+
+pub(crate) fn transposed(a: &Block) -> Block {
+    std::array::from_fn(|i| std::array::from_fn(|j| a[j][i]))
+}
+
+pub(crate) fn symmetrised(a: &Block) -> Block {
+    std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (a[i][j] + a[j][i])))
+}
+
+pub(crate) fn product(a: &Block, b: &Block) -> Block {
+    std::array::from_fn(|i| std::array::from_fn(|j| (0..WIDTH).map(|k| a[i][k] * b[k][j]).sum()))
+}
+
+/// The upper triangular R with g = R' R; nothing unless g is positive definite well above rounding.
+pub(crate) fn cholesky(g: &Block) -> Option<Block> {
+    let mut r = ZERO;
+    for j in 0..WIDTH {
+        for i in 0..=j {
+            let known: f64 = (0..i).map(|k| r[k][i] * r[k][j]).sum();
+            let rest = g[i][j] - known;
+            if i < j {
+                r[i][j] = rest / r[i][i];
+            } else if rest > 1e-13 * g[j][j] && rest.is_finite() {
+                r[j][j] = rest.sqrt();
+            } else {
+                return None;
+            }
+        }
+    }
+    Some(r)
+}
+
+/// The inverse of an upper triangular matrix.
+pub(crate) fn inverse(r: &Block) -> Block {
+    let mut inverse = ZERO;
+    for j in 0..WIDTH {
+        inverse[j][j] = 1.0 / r[j][j];
+        for i in (0..j).rev() {
+            let sum: f64 = (i + 1..=j).map(|k| r[i][k] * inverse[k][j]).sum();
+            inverse[i][j] = -sum / r[i][i];
+        }
+    }
+    inverse
+}

@@ -1,0 +1,123 @@
+//! How far from its shift a Lanczos run must get, and whether it has.
+
+/// A gap this wide, relative to the eigenvalue above it, is as good a place for a cut as any.
+const WIDE: f64 = 1e-4;
+
+/// A gap must be at least this wide for a cut, and is taken once so many pairs beyond the target show no wider one.
+const NARROW: f64 = 1e-7;
+const PATIENCE: usize = 24;
+
+/// Pairs that only show where the next gap is may have this residual relative to their value.
+const WEAK: f64 = 1e-6;
+
+/// An approximate eigenvalue of A, the residual it will have, and its column in the projected problem.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ritz {
+    pub value: f64,
+    pub residual: f64,
+    pub column: usize,
+}
+
+/// Which eigenvalues around the shift are wanted.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reach {
+    pub below: Side,
+    pub above: Side,
+    /// About how many pairs that will be.
+    pub expected: usize,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Side {
+    /// So many, nearest first.
+    Count(usize),
+    /// All up to a value.
+    Until(f64),
+}
+
+/// What a look at the Ritz pairs says.
+pub(super) enum Verdict {
+    /// All that was wanted is there.
+    Done(Chosen),
+    /// All there is below the shift is accurate, but copies of multiple eigenvalues are missing: a fresh block is needed.
+    Short,
+    /// More steps are needed.
+    NotYet,
+}
+
+pub(super) struct Chosen {
+    pub pairs: Vec<Ritz>,
+    pub cut: f64,
+    pub gap: f64,
+}
+
+impl Reach {
+    /// Whether nothing wanted lies beyond what is below.
+    pub fn from_bottom(&self) -> bool {
+        matches!(self.below, Side::Count(_))
+    }
+
+    /// Judges ascending Ritz pairs: chosen are the wanted ones, those above up to the first gap past what was asked for.
+    pub fn judge(&self, ritz: &[Ritz], shift: f64, tolerance: f64) -> Verdict {
+        let split = ritz.partition_point(|r| r.value < shift);
+        let (below, above) = ritz.split_at(split);
+        // Ritz residuals are estimates; the margin keeps the computed ones within the tolerance.
+        let accurate = |r: &Ritz| r.residual <= 0.5 * tolerance * r.value;
+        let low = match self.below {
+            Side::Count(count) => count,
+            Side::Until(value) => below.iter().rev().take_while(|r| r.value > value).count(),
+        };
+        if low > below.len() {
+            return if below.iter().all(accurate) { Verdict::Short } else { Verdict::NotYet };
+        }
+        // Until something lies beyond the window's edge, the edge was not reached.
+        let reached = self.from_bottom() || low < below.len();
+        let low = &below[below.len() - low..];
+        if !reached || !low.iter().all(accurate) {
+            return Verdict::NotYet;
+        }
+        let target = match self.above {
+            Side::Count(count) => count,
+            Side::Until(value) => above.iter().take_while(|r| r.value <= value).count(),
+        };
+        match self.upper_end(above, target, shift, &accurate) {
+            Some((high, cut, gap)) => {
+                Verdict::Done(Chosen { pairs: low.iter().chain(&above[..high]).copied().collect(), cut, gap })
+            }
+            None => Verdict::NotYet,
+        }
+    }
+
+    /// The number of pairs above up to a gap past the target, the cut in it, and its width.
+    fn upper_end(
+        &self,
+        above: &[Ritz],
+        target: usize,
+        shift: f64,
+        accurate: &dyn Fn(&Ritz) -> bool,
+    ) -> Option<(usize, f64, f64)> {
+        let mut narrow: Option<(usize, f64, f64)> = None;
+        for count in target..above.len() {
+            if count > 0 && !accurate(&above[count - 1]) {
+                return None;
+            }
+            let next = &above[count];
+            let last = if count == 0 { shift } else { above[count - 1].value };
+            let gap = (next.value - last) / next.value;
+            if next.residual > (WEAK * next.value).min(0.1 * gap * next.value) {
+                return None;
+            }
+            let cut = 0.5 * (last + next.value);
+            if gap > WIDE {
+                return Some((count, cut, gap));
+            }
+            if gap > narrow.map_or(NARROW, |n| n.2) {
+                narrow = Some((count, cut, gap));
+            }
+            if count > target + PATIENCE && narrow.is_some() {
+                return narrow;
+            }
+        }
+        None
+    }
+}
