@@ -110,7 +110,7 @@ struct Projected {
 
 impl<'a> Krylov<'a> {
     fn new(run: &'a Run<'a>) -> Result<Self, EigenError> {
-        let first_check = expected_blocks(run.reach.expected, run.reach.from_bottom());
+        let first_check = expected_blocks(run.reach.expected, run.reach.is_lowest());
         let mut krylov = Self {
             run,
             basis: Basis::new(run.n, first_check + first_check / 6 + 4, run.null)?,

@@ -53,7 +53,7 @@ pub(super) struct Chosen {
 
 impl Reach {
     /// Whether nothing wanted lies beyond what is below.
-    pub fn from_bottom(&self) -> bool {
+    pub fn is_lowest(&self) -> bool {
         matches!(self.below, Side::Count(_))
     }
 
@@ -71,7 +71,7 @@ impl Reach {
             return if below.iter().all(accurate) { Verdict::Short } else { Verdict::NotYet };
         }
         // Until something lies beyond the window's edge, the edge was not reached.
-        let reached = self.from_bottom() || low < below.len();
+        let reached = self.is_lowest() || low < below.len();
         let low = &below[below.len() - low..];
         if !reached || !low.iter().all(accurate) {
             return Verdict::NotYet;
@@ -80,44 +80,38 @@ impl Reach {
             Side::Count(count) => count,
             Side::Until(value) => above.iter().take_while(|r| r.value <= value).count(),
         };
-        match self.upper_end(above, target, shift, &accurate) {
+        match upper_end(above, target, shift, &accurate) {
             Some((high, cut, gap)) => {
                 Verdict::Done(Chosen { pairs: low.iter().chain(&above[..high]).copied().collect(), cut, gap })
             }
             None => Verdict::NotYet,
         }
     }
+}
 
-    /// The number of pairs above up to a gap past the target, the cut in it, and its width.
-    fn upper_end(
-        &self,
-        above: &[Ritz],
-        target: usize,
-        shift: f64,
-        accurate: &dyn Fn(&Ritz) -> bool,
-    ) -> Option<(usize, f64, f64)> {
-        let mut narrow: Option<(usize, f64, f64)> = None;
-        for count in target..above.len() {
-            if count > 0 && !accurate(&above[count - 1]) {
-                return None;
-            }
-            let next = &above[count];
-            let last = if count == 0 { shift } else { above[count - 1].value };
-            let gap = (next.value - last) / next.value;
-            if next.residual > (WEAK * next.value).min(0.1 * gap * next.value) {
-                return None;
-            }
-            let cut = 0.5 * (last + next.value);
-            if gap > WIDE {
-                return Some((count, cut, gap));
-            }
-            if gap > narrow.map_or(NARROW, |n| n.2) {
-                narrow = Some((count, cut, gap));
-            }
-            if count > target + PATIENCE && narrow.is_some() {
-                return narrow;
-            }
+/// The number of pairs above up to a gap past the target, the cut in it, and its width.
+fn upper_end(above: &[Ritz], target: usize, shift: f64, accurate: &dyn Fn(&Ritz) -> bool) -> Option<(usize, f64, f64)> {
+    let mut narrow: Option<(usize, f64, f64)> = None;
+    for count in target..above.len() {
+        if count > 0 && !accurate(&above[count - 1]) {
+            return None;
         }
-        None
+        let next = &above[count];
+        let last = if count == 0 { shift } else { above[count - 1].value };
+        let gap = (next.value - last) / next.value;
+        if next.residual > (WEAK * next.value).min(0.1 * gap * next.value) {
+            return None;
+        }
+        let cut = 0.5 * (last + next.value);
+        if gap > WIDE {
+            return Some((count, cut, gap));
+        }
+        if gap > narrow.map_or(NARROW, |n| n.2) {
+            narrow = Some((count, cut, gap));
+        }
+        if count > target + PATIENCE && narrow.is_some() {
+            return narrow;
+        }
     }
+    None
 }

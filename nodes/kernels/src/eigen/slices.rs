@@ -114,12 +114,12 @@ fn run_slice(
     step: &dyn Fn(),
 ) -> Result<Found, EigenError> {
     let slice = &slices[i];
-    let factor = match lock(&slice.factor).take() {
-        Some(factor) => factor,
-        None => {
-            spectrum.hooks.phase(Phase::Factorise);
-            spectrum.factorizer.factor(slice.shift)?
-        }
+    let at_hand = lock(&slice.factor).take();
+    let factor = if let Some(factor) = at_hand {
+        factor
+    } else {
+        spectrum.hooks.phase(Phase::Factorise);
+        spectrum.factorizer.factor(slice.shift)?
     };
     let own = factor.negative().saturating_sub(spectrum.null.count);
     let middle = |j: usize| 0.5 * (slices[j].shift + slices[j + 1].shift);

@@ -205,7 +205,7 @@ impl Solver<'_> {
         };
         let own = value(self.k - 1)?;
         // Beyond the pairs computed, the next one is as far above the cut as the last one is below it.
-        let next = value(self.k).or_else(|| (!last).then(|| 2.0 * cut - own))?;
+        let next = value(self.k).or_else(|| (!last).then_some(2.0 * cut - own))?;
         Some(if next > 0.0 { (next - own) / next } else { 0.0 })
     }
 
