@@ -18,9 +18,10 @@ mod meter;
 
 use mesh::Mesh;
 use meter::{Cost, measured};
-use salient_kernels::eigen::{Options, eigenpairs};
+use salient_kernels::eigen::{Hooks, Options, eigenpairs};
 use salient_kernels::laplacian::{Area, laplacian};
 use std::error::Error;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -52,18 +53,37 @@ fn make(source: &str, levels: usize, out: &str) -> Result<(), Box<dyn Error>> {
 
 fn eigen(path: &str, k: usize, threads: usize, out: &str) -> Result<(), Box<dyn Error>> {
     let operator = files::read_operator(path)?;
-    let options = options(threads)?;
-    let (pairs, cost) = measured(|| Ok(eigenpairs(&operator, k, &options, &())?))?;
+    let threads = Threads(threads);
+    let (pairs, cost) = measured(|| Ok(eigenpairs(&operator, k, &Options::default(), &threads)?))?;
     files::write_pairs(out, &pairs)?;
     let certificate = &pairs.certificate;
     report(&cost, &format!(r#", "rounds": {}, "method": "{:?}""#, certificate.rounds, certificate.method));
     Ok(())
 }
 
-/// The one place that knows how the kernel is told its threads.
-fn options(threads: usize) -> Result<Options, Box<dyn Error>> {
-    if threads == 0 {
-        return Err("at least one thread".into());
+/// Lends the kernel so many threads.
+struct Threads(usize);
+
+impl Hooks for Threads {
+    fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
+        if self.0 < 2 {
+            return (0..count).for_each(task);
+        }
+        let next = AtomicUsize::new(0);
+        let work = || {
+            loop {
+                let i = next.fetch_add(1, Ordering::Relaxed);
+                if i >= count {
+                    break;
+                }
+                task(i);
+            }
+        };
+        std::thread::scope(|scope| {
+            for _ in 1..self.0 {
+                scope.spawn(work);
+            }
+            work();
+        });
     }
-    Ok(Options::default()) // the kernel has one thread as yet, whatever is asked for
 }
