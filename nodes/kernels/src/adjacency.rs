@@ -98,7 +98,7 @@ impl Csr {
     }
 
     /// Buckets `(row, target)` pairs by row, keeping the order of pairs within a row.
-    fn bucket(rows: usize, pairs: impl Iterator<Item = (u32, u32)> + Clone) -> Self {
+    pub(crate) fn bucket(rows: usize, pairs: impl Iterator<Item = (u32, u32)> + Clone) -> Self {
         let mut offsets = vec![0usize; rows + 1];
         for (row, _) in pairs.clone() {
             offsets[row as usize + 1] += 1;
@@ -203,6 +203,11 @@ pub fn edges(vertex_count: usize, faces: &[[u32; 3]]) -> Result<Edges, MeshError
     }
     incident.offsets.push(incident.targets.len());
     Ok(Edges { ends, faces: incident, face_edges })
+}
+
+/// The edges at each vertex, ascending, of a list of edges with ends below `vertex_count`.
+pub(crate) fn spokes(vertex_count: usize, ends: &[[u32; 2]]) -> Csr {
+    Csr::bucket(vertex_count, ends.iter().zip(0u32..).flat_map(|(&[a, b], e)| [(a, e), (b, e)]))
 }
 
 #[cfg(test)]
