@@ -2,7 +2,7 @@
 //! copying the mesh once. With a third word it writes the mesh for `geodesic_scipy.py` to that OFF file.
 #![expect(clippy::disallowed_methods, reason = "a program, not a node")]
 
-use salient_kernels::geodesic::{Dijkstra, Graph, Metric};
+use salient_kernels::geodesic::{Dijkstra, Geodesics, Graph, Metric};
 use salient_kernels::laplacian::{Area, laplacian};
 use salient_kernels::{adjacency, simplify, topology};
 use std::error::Error;
@@ -55,6 +55,14 @@ fn cpu() -> f64 {
     text.split_whitespace().next().and_then(|w| w.parse().ok()).unwrap_or(0.0)
 }
 
+/// A number that differs if any bit of the results does.
+fn digest(name: &str, value: &impl std::fmt::Debug) {
+    use std::hash::{DefaultHasher, Hash, Hasher};
+    let mut hasher = DefaultHasher::new();
+    format!("{value:?}").hash(&mut hasher);
+    println!("digest of {name}: {:016x}", hasher.finish());
+}
+
 /// Prints the mean time of as many runs as fill a quarter of a second (the clock may tick in milliseconds), per vertex and per run.
 fn measure<T>(name: &str, n: usize, mut run: impl FnMut() -> T) {
     black_box(run());
@@ -83,8 +91,30 @@ fn main() -> Result<(), Box<dyn Error>> {
         faces.iter().for_each(|f| _ = writeln!(text, "3 {} {} {}", f[0], f[1], f[2]));
         std::fs::write(out, text)?;
     }
-    loops(&mesh);
-    geodesics(&mesh)
+    match arguments.get(3).map(String::as_str) {
+        Some("metrics") => metrics(&mesh),
+        Some("digest") => digests(&mesh),
+        _ => {
+            loops(&mesh);
+            geodesics(&mesh)
+        }
+    }
+}
+
+/// What must stay as it is when the loops change.
+fn digests((points, faces): &Mesh) -> Result<(), Box<dyn Error>> {
+    let n = points.len();
+    digest("one_ring", &adjacency::one_ring(n, faces));
+    digest("vertex_faces", &adjacency::vertex_faces(n, faces));
+    digest("edges", &adjacency::edges(n, faces));
+    digest("census", &topology::census(points, faces));
+    digest("laplacian", &laplacian(points, faces, Area::Mixed, false));
+    digest("laplacian, Delaunay", &laplacian(points, faces, Area::Mixed, true));
+    digest("simplify", &simplify::simplify(points, faces, n / 10));
+    for metric in [Metric::Edges, Metric::Unfolded] {
+        digest(&format!("{metric:?}"), &Geodesics::new(points, faces, metric)?.search().distances(&[1]));
+    }
+    Ok(())
 }
 
 fn loops((points, faces): &Mesh) {
@@ -131,6 +161,43 @@ fn geodesics((points, faces): &Mesh) -> Result<(), Box<dyn Error>> {
                 reached = sources.iter().map(|&s| work.ball(&graph, &[s], share * far).inside.len()).sum();
             });
             println!("    {} vertices each", reached / 50);
+        }
+    }
+    Ok(())
+}
+
+/// Cost of each metric, and its deviation from the exact one within balls of a share of the extent.
+fn metrics((points, faces): &Mesh) -> Result<(), Box<dyn Error>> {
+    let n = points.len();
+    let prepared = [Metric::Edges, Metric::Unfolded, Metric::Heat, Metric::Exact]
+        .map(|metric| Geodesics::new(points, faces, metric).map(|g| (metric, g)));
+    let sources: Vec<u32> = (1..=10).map(|i| (7919 * i) % n as u32).collect();
+    let mut exact: Vec<Vec<f64>> = Vec::new();
+    let mut far = 0.0;
+    for prepared in prepared.into_iter().rev() {
+        let (metric, geodesics) = prepared?;
+        let mut search = geodesics.search();
+        measure(&format!("{metric:?}: preparation"), n, || Geodesics::new(points, faces, metric).is_ok());
+        measure(&format!("{metric:?}: full"), n, || search.distances(&sources[..1]));
+        if exact.is_empty() {
+            exact = sources.iter().map(|&s| search.distances(&[s])).collect();
+            far = exact[0].iter().copied().filter(|d| d.is_finite()).fold(0.0, f64::max);
+        }
+        measure(&format!("{metric:?}: 10 balls of 0.05"), n, || {
+            sources.iter().map(|&s| search.ball(&[s], 0.05 * far).inside.len()).sum::<usize>()
+        });
+        for (from, to) in [(0.02, 0.05), (0.05, 0.1), (0.1, 2.0)] {
+            let (mut sum, mut signed, mut count) = (0.0, 0.0, 0.0);
+            for (&s, exact) in sources.iter().zip(&exact) {
+                for (d, e) in search.distances(&[s]).iter().zip(exact) {
+                    if (from * far..to * far).contains(e) {
+                        sum += (d / e - 1.0).abs();
+                        signed += d / e - 1.0;
+                        count += 1.0;
+                    }
+                }
+            }
+            println!("    {from} to {to}: deviation {:.4}, bias {:+.4}", sum / count, signed / count);
         }
     }
     Ok(())

@@ -10,9 +10,9 @@ mod intrinsic_delaunay;
 mod triangle;
 
 pub use error::LaplacianError;
-pub use triangle::is_zero_area;
 pub(crate) use intrinsic_delaunay::flip_to_delaunay;
 pub(crate) use triangle::Triangle;
+pub use triangle::is_zero_area;
 
 use crate::sparse::SymmetricCsr;
 

@@ -104,7 +104,8 @@ impl Dijkstra {
     pub fn to(&mut self, graph: &Graph, sources: &[u32], targets: &[u32]) -> Vec<f64> {
         self.search(graph, sources, -1.0, targets);
         let settled = 4 * self.epoch + SETTLED;
-        let found = |v: &u32| self.labels.get(*v as usize).filter(|l| l.stamp == settled).map_or(f64::INFINITY, |l| l.distance);
+        let found =
+            |v: &u32| self.labels.get(*v as usize).filter(|l| l.stamp == settled).map_or(f64::INFINITY, |l| l.distance);
         targets.iter().map(found).collect()
     }
 

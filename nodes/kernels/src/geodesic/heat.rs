@@ -90,10 +90,7 @@ impl fmt::Debug for HeatMethod {
 }
 
 /// Triangles with edge lengths in units of their mean.
-fn triangulate(
-    vertices: &[[f64; 3]],
-    faces: &[[u32; 3]],
-) -> Result<(Vec<[u32; 3]>, Vec<[f64; 3]>, f64), HeatError> {
+fn triangulate(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Result<(Vec<[u32; 3]>, Vec<[f64; 3]>, f64), HeatError> {
     adjacency::check_mesh(vertices, faces).map_err(HeatError::Mesh)?;
     let between = |a: u32, b: u32| distance(vertices[a as usize], vertices[b as usize]);
     let lengths: Vec<[f64; 3]> = faces.iter().map(|&[a, b, c]| [between(b, c), between(c, a), between(a, b)]).collect();
@@ -103,7 +100,9 @@ fn triangulate(
     let (faces, lengths) = match flip_to_delaunay(faces, &lengths) {
         Ok(delaunay) => delaunay,
         Err(
-            LaplacianError::NonManifoldEdge { .. } | LaplacianError::NotOrientable { .. } | LaplacianError::DelaunayStalled { .. },
+            LaplacianError::NonManifoldEdge { .. }
+            | LaplacianError::NotOrientable { .. }
+            | LaplacianError::DelaunayStalled { .. },
         ) => (faces.to_vec(), lengths),
         Err(_) => return Err(HeatError::Factorisation),
     };
@@ -145,7 +144,8 @@ impl HeatMethod {
             None
         };
         let plain = pattern.values(&stiffness, |_| 0.0, 1.0);
-        let poisson = pattern.factor(&pattern.fixed(&stiffness, plain, |v| held[component[v] as usize] as usize == v))?;
+        let poisson =
+            pattern.factor(&pattern.fixed(&stiffness, plain, |v| held[component[v] as usize] as usize == v))?;
         Ok(Self {
             faces: flat,
             symbolic: pattern.symbolic,

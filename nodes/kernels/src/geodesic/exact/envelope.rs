@@ -6,8 +6,9 @@ use crate::geodesic::queue::Queue;
 const NONE: u32 = u32::MAX;
 /// No window of this edge matters any more.
 const CLOSED: u32 = u32::MAX - 1;
-/// Intervals shorter than this share of their edge are left to their neighbours.
-const TINY: f64 = 1e-12;
+/// Intervals shorter than this share of their edge are left to their neighbours: next to the ray at which a path begins to bend two distances
+/// differ by the square of the distance from it, so that rounding alone makes slivers of 1e-9, and those would multiply.
+const TINY: f64 = 1e-8;
 /// Marks the newcomer among the owners of spans.
 const NEW: u32 = u32::MAX;
 
@@ -38,7 +39,9 @@ pub(super) struct Envelope {
     free: Vec<u32>,
     heads: Vec<Head>,
     stamp: u32,
+    /// Workspace of an insertion: who owns what, and the windows there were.
     spans: Vec<(f64, f64, u32)>,
+    replaced: Vec<u32>,
 }
 
 impl Envelope {
@@ -110,20 +113,23 @@ impl Envelope {
         if !self.spans.iter().any(|s| s.2 == NEW) {
             return;
         }
+        self.replaced.clear();
         let mut old = first;
         while old != after {
             let window = &mut self.windows[old as usize];
             window.live = false;
+            self.replaced.push(old);
             old = window.next;
         }
-        // Released only after the spans are linked, since `next` is still needed to find them.
-        let mut dropped = first;
-        let gone = self.collect(&mut dropped, after);
         let spans = std::mem::take(&mut self.spans);
         for &(start, end, owner) in &spans {
             let id = if owner == NEW {
                 let cone = Cone { start, end, ..cone };
-                self.add(Window { cone, key: cone.least(), edge, from, next: NONE, queued: true, live: true }, queue, tag)
+                self.add(
+                    Window { cone, key: cone.least(), edge, from, next: NONE, queued: true, live: true },
+                    queue,
+                    tag,
+                )
             } else {
                 let window = self.windows[owner as usize];
                 let cone = Cone { start, end, ..window.cone };
@@ -139,20 +145,11 @@ impl Envelope {
         }
         self.link(edge, before, after);
         self.spans = spans;
-        for id in gone {
-            if !self.windows[id as usize].live {
-                self.release(id);
+        for i in 0..self.replaced.len() {
+            if !self.windows[self.replaced[i] as usize].live {
+                self.release(self.replaced[i]);
             }
         }
-    }
-
-    fn collect(&self, at: &mut u32, after: u32) -> Vec<u32> {
-        let mut ids = Vec::new();
-        while *at != after {
-            ids.push(*at);
-            *at = self.windows[*at as usize].next;
-        }
-        ids
     }
 
     fn link(&mut self, edge: u32, before: u32, next: u32) {

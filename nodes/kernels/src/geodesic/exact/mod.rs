@@ -6,7 +6,7 @@
 //! rules of Xin & Wang (2009), and an edge's list is closed as soon as no window can improve it, so that memory follows the wave front.
 //!
 //! All is computed from edge lengths. Where three faces meet in an edge a window enters both others. Every distance is that of an actual path,
-//! so rounding (intervals below 1e-12 of an edge are passed over) can only lengthen, by about that much.
+//! or of one within rounding of it. Intervals below 1e-8 of an edge are passed over, which may lengthen a path by as much.
 
 mod envelope;
 mod surface;
@@ -234,7 +234,8 @@ impl ExactSearch {
             return;
         }
         // All of it is farther than the way along the edge from one of its ends.
-        let beaten = self.distance(first) + cone.end <= at_end || self.distance(second) + (length - cone.start) <= at_start;
+        let beaten =
+            self.distance(first) + cone.end <= at_end || self.distance(second) + (length - cone.start) <= at_start;
         if !beaten && cone.start < cone.end && at_start.is_finite() && at_end.is_finite() {
             self.envelope.insert(edge, from, cone, length, &mut self.queue, WINDOW);
         }

@@ -3,12 +3,11 @@
 use crate::adjacency::{self, Csr, MeshError};
 use crate::geodesic::graph::Graph;
 use crate::vec3::distance;
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
-/// A vertex counts as one that shortest paths may bend around if the angles about it exceed a full turn less this.
-///
-/// Paths through flat vertices need no help, but rounding must not take a saddle for a flat vertex.
-const TURN: f64 = 1e-6;
+/// Shortest paths bend at a vertex only if the angles about it exceed a full turn, or half a turn on a boundary; by more than this, so that
+/// flat vertices do not count. What lies in the shadow of a flatter saddle is off by that much at most.
+const BEND: f64 = 1e-10;
 
 /// An edge as seen from a triangle next to the one at hand.
 #[derive(Debug, Clone, Copy)]
@@ -118,13 +117,14 @@ impl Surface {
                 angle[v] += (y * base).atan2(y * y - x * (base - x));
             }
         }
-        let mut bends: Vec<bool> = angle.iter().map(|a| *a > TAU - TURN).collect();
+        let mut bends: Vec<bool> = angle.iter().map(|a| *a > TAU + BEND).collect();
         for (e, ends) in self.ends.iter().enumerate() {
-            if self.sides(e as u32).len() != 2 {
-                ends.iter().for_each(|&v| bends[v as usize] = true);
+            let faces = self.sides(e as u32).len();
+            if faces != 2 {
+                ends.iter().for_each(|&v| bends[v as usize] |= faces != 1 || angle[v as usize] > PI + BEND);
             }
         }
-        // Two fans that meet in a point only: as many edges as faces, yet a path may pass from one fan to the other.
+        // Two fans that meet in a point only: a path may pass from one fan to the other.
         for v in 0..n {
             bends[v] |= self.fans(v as u32) > 1;
         }

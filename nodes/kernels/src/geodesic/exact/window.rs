@@ -72,12 +72,18 @@ impl Verdict {
     }
 }
 
+/// A newcomer must be nearer by this share of the distance: what is equal but for rounding stays as it is.
+const TIE: f64 = 1e-14;
+
 /// Compares two windows on `[a, b]`. Where they are equally far the old one stays.
 ///
 /// The points nearer to one source than to another, by a fixed difference, are bounded by a branch of a hyperbola; they are
 /// convex if the source's own offset is the larger. An edge crosses the branch at most twice.
 pub(super) fn contest(new: &Cone, old: &Cone, a: f64, b: f64) -> Verdict {
-    let lead = |t: f64| new.at(t) - old.at(t);
+    let lead = |t: f64| {
+        let (n, o) = (new.at(t), old.at(t));
+        n - o + TIE * o
+    };
     let (fa, fb) = (lead(a), lead(b));
     let (new_at_a, new_at_b) = (fa < 0.0, fb < 0.0);
     if new_at_a == new_at_b {
