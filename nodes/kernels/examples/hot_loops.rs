@@ -87,8 +87,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("{n} vertices, {} faces", faces.len());
     if let Some(out) = arguments.get(2) {
         let mut text = format!("OFF\n{n} {} 0\n", faces.len());
-        points.iter().for_each(|p| _ = writeln!(text, "{:?} {:?} {:?}", p[0], p[1], p[2]));
-        faces.iter().for_each(|f| _ = writeln!(text, "3 {} {} {}", f[0], f[1], f[2]));
+        for p in points {
+            writeln!(text, "{:?} {:?} {:?}", p[0], p[1], p[2])?;
+        }
+        for f in faces {
+            writeln!(text, "3 {} {} {}", f[0], f[1], f[2])?;
+        }
         std::fs::write(out, text)?;
     }
     match arguments.get(3).map(String::as_str) {

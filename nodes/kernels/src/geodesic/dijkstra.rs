@@ -1,7 +1,7 @@
 //! Dijkstra's algorithm over a [`Graph`], bounded by a radius.
 
 use super::graph::Graph;
-use super::queue::Queue;
+use super::queue::Calendar;
 
 /// The vertices about a source, by whatever metric.
 #[derive(Debug, Clone, Copy)]
@@ -21,7 +21,7 @@ pub struct Ball<'a> {
 pub struct Dijkstra {
     labels: Vec<Label>,
     epoch: u32,
-    queue: Queue,
+    queue: Calendar,
     settled: Vec<(u32, f64)>,
 }
 
@@ -47,7 +47,7 @@ impl Dijkstra {
 
     /// Stamps targets as wanted, each once, and queues the sources; how many targets are wanted.
     fn start(&mut self, graph: &Graph, sources: &[u32], targets: &[u32]) -> usize {
-        self.queue.clear();
+        self.queue.start(graph.mean, graph.longest);
         self.settled.clear();
         self.epoch += 1;
         if self.epoch > u32::MAX / 4 || self.labels.len() != graph.len() {
@@ -82,7 +82,8 @@ impl Dijkstra {
             }
             for (next, length) in graph.neighbours(vertex) {
                 let (through, label) = (distance + length, &mut self.labels[next as usize]);
-                if label.stamp != stamp || through < label.distance {
+                // Lengths may overflow: what is infinitely far stays unreached.
+                if through < if label.stamp == stamp { label.distance } else { f64::INFINITY } {
                     *label = Label { distance: through, stamp };
                     self.queue.push(through, next);
                 }

@@ -29,6 +29,9 @@ impl Link {
 pub struct Graph {
     offsets: Vec<u32>,
     links: Vec<Link>,
+    /// Mean and greatest finite length of a link.
+    pub(super) mean: f64,
+    pub(super) longest: f64,
 }
 
 impl Graph {
@@ -98,7 +101,9 @@ impl Graph {
         }
         offsets[n] = kept as u32;
         links.truncate(kept);
-        Self { offsets, links }
+        let lengths = links.iter().map(|l| l.length()).filter(|l| l.is_finite());
+        let (sum, longest) = lengths.fold((0.0, 0f64), |(sum, most), l| (sum + l, most.max(l)));
+        Self { mean: sum / links.len().max(1) as f64, longest, offsets, links }
     }
 
     /// Number of vertices, isolated ones included.

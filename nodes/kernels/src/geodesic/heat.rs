@@ -89,8 +89,10 @@ impl fmt::Debug for HeatMethod {
     }
 }
 
-/// Triangles with edge lengths in units of their mean.
-fn triangulate(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Result<(Vec<[u32; 3]>, Vec<[f64; 3]>, f64), HeatError> {
+/// Corners and edge lengths of triangles, in units of the mean length, and that unit.
+type Triangulation = (Vec<[u32; 3]>, Vec<[f64; 3]>, f64);
+
+fn triangulate(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Result<Triangulation, HeatError> {
     adjacency::check_mesh(vertices, faces).map_err(HeatError::Mesh)?;
     let between = |a: u32, b: u32| distance(vertices[a as usize], vertices[b as usize]);
     let lengths: Vec<[f64; 3]> = faces.iter().map(|&[a, b, c]| [between(b, c), between(c, a), between(a, b)]).collect();
@@ -136,16 +138,15 @@ impl HeatMethod {
         (0..n as u32).rev().for_each(|v| held[component[v as usize] as usize] = v);
         let time = TIME.max((1.1 * extent(&graph, &held) / (unit * FOLDINGS)).powi(2));
         let pattern = Pattern::new(&stiffness)?;
-        let flow = pattern.values(&stiffness, |v| mass[v] + f64::from(u8::from(mass[v] == 0.0)), time);
+        let flow = values(&stiffness, |v| mass[v] + f64::from(u8::from(mass[v] == 0.0)), time);
         let free = pattern.factor(&flow)?;
         let cold = if boundary.contains(&true) {
-            Some(pattern.factor(&pattern.fixed(&stiffness, flow, |v| boundary[v]))?)
+            Some(pattern.factor(&fixed(&stiffness, flow, |v| boundary[v]))?)
         } else {
             None
         };
-        let plain = pattern.values(&stiffness, |_| 0.0, 1.0);
-        let poisson =
-            pattern.factor(&pattern.fixed(&stiffness, plain, |v| held[component[v] as usize] as usize == v))?;
+        let plain = values(&stiffness, |_| 0.0, 1.0);
+        let poisson = pattern.factor(&fixed(&stiffness, plain, |v| held[component[v] as usize] as usize == v))?;
         Ok(Self {
             faces: flat,
             symbolic: pattern.symbolic,
@@ -210,7 +211,9 @@ impl HeatMethod {
                 (sum, count) => ((phi[v] - sum / count as f64) * self.unit).max(0.0),
             })
             .collect();
-        sources.iter().for_each(|&s| distances[s as usize] = 0.0);
+        for &s in sources {
+            distances[s as usize] = 0.0;
+        }
         distances
     }
 }
@@ -221,7 +224,9 @@ fn boundary(n: usize, faces: &[[u32; 3]]) -> Result<Vec<bool>, HeatError> {
     let mut boundary = vec![false; n];
     for (e, ends) in edges.ends.iter().enumerate() {
         if edges.faces.row(e).len() == 1 {
-            ends.iter().for_each(|&v| boundary[v as usize] = true);
+            for v in ends {
+                boundary[*v as usize] = true;
+            }
         }
     }
     Ok(boundary)
@@ -253,28 +258,6 @@ impl Pattern {
         Ok(Self { pattern, symbolic })
     }
 
-    /// The entries of `diag(diagonal) + factor * matrix`.
-    fn values(&self, matrix: &SymmetricCsr, diagonal: impl Fn(usize) -> f64, factor: f64) -> Vec<f64> {
-        let row = |i: usize| {
-            let added = diagonal(i);
-            matrix.row(i).map(move |(j, v)| factor * v + if i == j { added } else { 0.0 })
-        };
-        (0..matrix.n()).flat_map(row).collect()
-    }
-
-    /// Entries with the rows and columns of some vertices replaced by those of the identity.
-    fn fixed(&self, matrix: &SymmetricCsr, mut values: Vec<f64>, fixed: impl Fn(usize) -> bool) -> Vec<f64> {
-        for i in 0..matrix.n() {
-            let range = matrix.offsets()[i]..matrix.offsets()[i + 1];
-            for (value, &j) in values[range.clone()].iter_mut().zip(&matrix.columns()[range]) {
-                if fixed(i) || fixed(j as usize) {
-                    *value = f64::from(u8::from(i == j as usize));
-                }
-            }
-        }
-        values
-    }
-
     fn factor(&self, entries: &[f64]) -> Result<Vec<f64>, HeatError> {
         let failed = HeatError::Factorisation;
         let matrix = SparseColMatRef::new(self.pattern.as_ref(), entries);
@@ -289,11 +272,34 @@ impl Pattern {
     }
 }
 
+/// The entries of `diag(diagonal) + factor * matrix`.
+fn values(matrix: &SymmetricCsr, diagonal: impl Fn(usize) -> f64, factor: f64) -> Vec<f64> {
+    let row = |i: usize| {
+        let added = diagonal(i);
+        matrix.row(i).map(move |(j, v)| factor * v + if i == j { added } else { 0.0 })
+    };
+    (0..matrix.n()).flat_map(row).collect()
+}
+
+/// Entries with the rows and columns of some vertices replaced by those of the identity.
+fn fixed(matrix: &SymmetricCsr, mut values: Vec<f64>, fixed: impl Fn(usize) -> bool) -> Vec<f64> {
+    for i in 0..matrix.n() {
+        let range = matrix.offsets()[i]..matrix.offsets()[i + 1];
+        for (value, &j) in values[range.clone()].iter_mut().zip(&matrix.columns()[range]) {
+            if fixed(i) || fixed(j as usize) {
+                *value = f64::from(u8::from(i == j as usize));
+            }
+        }
+    }
+    values
+}
+
 /// Workspace of the heat method.
 #[derive(Default)]
 pub struct HeatSearch {
     memory: Option<MemBuffer>,
     found: Vec<(u32, f64)>,
+    rim: Vec<(u32, f64)>,
 }
 
 impl fmt::Debug for HeatSearch {
@@ -314,15 +320,23 @@ impl HeatSearch {
         self.solve(heat, &[sources]).pop().unwrap_or_default()
     }
 
-    /// The vertices within `radius`, and all others as the rim. Every call solves for the whole mesh. What is within need not be connected.
+    /// The vertices within `radius` and their neighbours. Every call solves for the whole mesh. What is within need not be connected.
     pub fn ball(&mut self, heat: &HeatMethod, sources: &[u32], radius: f64) -> Ball<'_> {
         let distances = self.distances(heat, sources);
+        let within = |d: f64| d <= radius;
         self.found.clear();
-        self.found.extend((0u32..).zip(distances).filter(|e| e.1.is_finite()));
-        self.found.sort_unstable_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
-        let inside = if radius.is_nan() { 0 } else { self.found.partition_point(|e| e.1 <= radius) };
-        let (inside, rim) = self.found.split_at(inside);
-        Ball { radius, inside, rim }
+        self.rim.clear();
+        for (v, &d) in (0u32..).zip(&distances).filter(|e| e.1.is_finite()) {
+            if within(d) {
+                self.found.push((v, d));
+            } else if heat.graph.neighbours(v).any(|(w, _)| within(distances[w as usize])) {
+                self.rim.push((v, d));
+            }
+        }
+        for list in [&mut self.found, &mut self.rim] {
+            list.sort_unstable_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+        }
+        Ball { radius, inside: &self.found, rim: &self.rim }
     }
 
     /// Distances from each source to each target, some sources at a time.
@@ -345,13 +359,17 @@ impl HeatSearch {
         let sets: Vec<Vec<u32>> = sets.iter().map(known).collect();
         let mut u = Mat::<f64>::zeros(n, sets.len());
         for (j, set) in sets.iter().enumerate() {
-            set.iter().for_each(|&s| u[(s as usize, j)] = HEAT);
+            for &s in set {
+                u[(s as usize, j)] = HEAT;
+            }
         }
         let cold = heat.cold.as_ref().map(|factor| {
             // Heat in a cold boundary would go nowhere: there only the free boundary counts.
             let mut v = u.clone();
             for (j, set) in sets.iter().enumerate() {
-                set.iter().filter(|&&s| heat.boundary[s as usize]).for_each(|&s| v[(s as usize, j)] = 0.0);
+                for &s in set.iter().filter(|&&s| heat.boundary[s as usize]) {
+                    v[(s as usize, j)] = 0.0;
+                }
             }
             self.apply(heat, factor, &mut v);
             v
@@ -365,8 +383,12 @@ impl HeatSearch {
             let mut out = vec![0.0; n];
             let column: Vec<f64> = u.col(j).iter().copied().collect();
             heat.divergence(&column, &mut out);
-            heat.held.iter().for_each(|&v| out[v as usize] = 0.0);
-            out.iter().enumerate().for_each(|(i, x)| phi[(i, j)] = *x);
+            for &v in &heat.held {
+                out[v as usize] = 0.0;
+            }
+            for (i, x) in out.into_iter().enumerate() {
+                phi[(i, j)] = x;
+            }
         }
         self.apply(heat, &heat.poisson, &mut phi);
         let column = |j: usize| phi.col(j).iter().copied().collect::<Vec<f64>>();

@@ -1,4 +1,20 @@
 //! Geodesic distances on triangle meshes, by four metrics with one interface.
+//!
+//! Mean deviation from the true distance, and the greatest, in percent. `tests/geodesic_metrics.rs` asserts the first five rows, against
+//! analytic distances beyond 0.3 to 0.4 of the shape's radius (the exact metric's is that of the polyhedron from the round shape); the last two
+//! compare with the exact metric, at 2-5 % and at more than 10 % of the extent (`examples/hot_loops.rs`).
+//!
+//! | surface | `Edges` | `Unfolded` | `Heat` | `Exact` |
+//! |---|---|---|---|---|
+//! | plane, right triangles | 10 (26) | 4.0 (8.2) | 1.0 (8.9) | 0 |
+//! | plane, vertices moved by 15 % | 8.0 (26) | 2.7 (8.4) | 0.7 (8.1) | 0 |
+//! | plane, vertices moved by 25 % | 7.4 (28) | 2.5 (9.5) | 0.6 (7.9) | 0 |
+//! | sphere, 2,562 vertices | 6.9 (18) | 1.4 (4.0) | 0.3 (2.4) | 0.06 (0.07) |
+//! | cylinder, 1,320 vertices | 6.5 (19) | 1.5 (7.2) | 0.6 (3.4) | 0.06 (0.14) |
+//! | hand, 7,993 vertices: near, far | 7.0, 4.3 | 1.9, 1.4 | 2.6, 1.1 | |
+//! | fish, 10,786 vertices: near, far | 11.7, 6.4 | 3.7, 1.8 | 2.0, 1.2 | |
+//!
+//! `Edges` and `Unfolded` never are too short; `Heat` may be either.
 
 mod dijkstra;
 mod exact;

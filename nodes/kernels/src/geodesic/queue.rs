@@ -61,9 +61,93 @@ fn unpacked(entry: u128) -> (f64, u32) {
     (f64::from_bits((entry >> 32) as u64), entry as u32)
 }
 
+/// Buckets of a [`Calendar`]; a power of two.
+const BUCKETS: usize = 128;
+
+/// The same order from a heap of what comes next and a ring of unsorted buckets of what comes later: most pushes only append, and
+/// the heap holds a few items. For items pushed at most a known step beyond the last one popped.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Calendar {
+    next: Queue,
+    later: Vec<Vec<(f64, u32)>>,
+    waiting: usize,
+    current: u64,
+    /// Buckets per unit of distance.
+    density: f64,
+}
+
+impl Calendar {
+    /// Empties it, for steps of so much on average and at most.
+    pub(super) fn start(&mut self, mean: f64, most: f64) {
+        self.next.clear();
+        self.later.resize_with(BUCKETS, Vec::new);
+        if self.waiting > 0 {
+            self.later.iter_mut().for_each(Vec::clear);
+        }
+        (self.waiting, self.current) = (0, 0);
+        let width = (mean / 16.0).max(most / (BUCKETS - 2) as f64);
+        // Without lengths everything is in the first bucket, and that is the heap.
+        self.density = if width > 0.0 && (1.0 / width).is_finite() { 1.0 / width } else { 0.0 };
+    }
+
+    /// Adds an item. The distance must be finite, and neither negative nor -0.0.
+    pub(super) fn push(&mut self, distance: f64, item: u32) {
+        let bucket = (distance * self.density) as u64;
+        if bucket <= self.current {
+            self.next.push(distance, item);
+        } else {
+            self.later[bucket as usize % BUCKETS].push((distance, item));
+            self.waiting += 1;
+        }
+    }
+
+    /// Removes and returns the nearest item.
+    pub(super) fn pop(&mut self) -> Option<(f64, u32)> {
+        if let Some(item) = self.next.pop() {
+            return Some(item);
+        }
+        while self.waiting > 0 {
+            self.current += 1;
+            let bucket = &mut self.later[self.current as usize % BUCKETS];
+            if !bucket.is_empty() {
+                self.waiting -= bucket.len();
+                bucket.drain(..).for_each(|(distance, item)| self.next.push(distance, item));
+                return self.next.pop();
+            }
+        }
+        None
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_calendar_is_a_queue() {
+        // Steps of very different lengths, none and the longest included, beyond the last item popped.
+        let (mut calendar, mut queue, mut state, mut last) = (Calendar::default(), Queue::default(), 1u32, 0.0);
+        for (mean, most) in [(0.5, 1.0), (0.01, 100.0), (0.0, 0.0)] {
+            calendar.start(mean, most);
+            queue.clear();
+            last *= 0.0;
+            for round in 0..5000u32 {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                let step = most * (f64::from(state >> 8) / f64::from(1 << 24)).powi(1 + (state >> 4 & 7) as i32);
+                calendar.push(last + step, round);
+                queue.push(last + step, round);
+                if round % 2 == 1 {
+                    let found = calendar.pop();
+                    assert_eq!(found, queue.pop());
+                    last = found.map_or(last, |e| e.0);
+                }
+            }
+            while let Some(item) = queue.pop() {
+                assert_eq!(calendar.pop(), Some(item));
+            }
+            assert_eq!(calendar.pop(), None);
+        }
+    }
 
     #[test]
     fn items_leave_in_order() {

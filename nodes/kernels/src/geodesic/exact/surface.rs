@@ -110,23 +110,25 @@ impl Surface {
 
     fn bending(&self, n: usize) -> Vec<bool> {
         let mut angle = vec![0.0f64; n];
-        for v in 0..n {
+        for (v, angle) in angle.iter_mut().enumerate() {
             for &s in self.opposite.row(v) {
                 let ([x, y], base) = (self.sides[s as usize].apex, self.length[self.edge_of[s as usize] as usize]);
                 // Between the directions from the apex to the side's two ends.
-                angle[v] += (y * base).atan2(y * y - x * (base - x));
+                *angle += (y * base).atan2(y * y - x * (base - x));
             }
         }
         let mut bends: Vec<bool> = angle.iter().map(|a| *a > TAU + BEND).collect();
         for (e, ends) in self.ends.iter().enumerate() {
             let faces = self.sides(e as u32).len();
             if faces != 2 {
-                ends.iter().for_each(|&v| bends[v as usize] |= faces != 1 || angle[v as usize] > PI + BEND);
+                for v in ends.map(|v| v as usize) {
+                    bends[v] |= faces != 1 || angle[v] > PI + BEND;
+                }
             }
         }
         // Two fans that meet in a point only: a path may pass from one fan to the other.
-        for v in 0..n {
-            bends[v] |= self.fans(v as u32) > 1;
+        for (bends, v) in bends.iter_mut().zip(0u32..) {
+            *bends |= self.fans(v) > 1;
         }
         bends
     }

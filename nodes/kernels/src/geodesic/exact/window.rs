@@ -114,7 +114,7 @@ fn roots(new: &Cone, old: &Cone, base: f64) -> Option<[f64; 2]> {
     let half = p * m + 4.0 * c * c * xo;
     let constant = m * m - 4.0 * c * c * (xo * xo + old.y * old.y);
     let discriminant = half * half - quadratic * constant;
-    if !(discriminant >= 0.0) {
+    if discriminant.is_nan() || discriminant < 0.0 {
         return None;
     }
     let q = -(half + half.signum() * discriminant.sqrt());
