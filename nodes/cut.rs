@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use salient_kernels::geodesic::{Dijkstra, Graph, Metric};
+use salient_kernels::geodesic::{Geodesics, Metric};
 use salient_kernels::topology;
 use salient_sdk::{Context, Inputs, Mesh, Node, NodeError, Port, PortValues};
 use schemars::JsonSchema;
@@ -72,8 +72,8 @@ impl Node for Cut {
         let last =
             mesh.faces.as_flattened().iter().copied().max_by(|a, b| along(*a).total_cmp(&along(*b)).then(b.cmp(a)));
         let start = last.ok_or_else(|| NodeError::new("the mesh has no faces to cut"))?;
-        let graph = Graph::new(&mesh.vertices, &mesh.faces, Metric::Unfolded).map_err(|e| bad(&e))?;
-        let distance = Dijkstra::new().distances(&graph, &[start]);
+        let geodesics = Geodesics::new(&mesh.vertices, &mesh.faces, Metric::Unfolded).map_err(|e| bad(&e))?;
+        let distance = geodesics.search().distances(&[start]);
         let faces = nearest_faces(&mesh, &distance, params.keep);
         let used = topology::drop_unreferenced(&mesh.vertices, &faces).map_err(|e| bad(&e))?;
         let piece = topology::largest_component(&used.vertices, &used.faces).map_err(|e| bad(&e))?;

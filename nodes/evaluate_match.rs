@@ -10,7 +10,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use salient_kernels::geodesic::{Dijkstra, Graph, Metric};
+use salient_kernels::geodesic::Geodesics;
 use salient_kernels::nearest::NearestVertex;
 use salient_sdk::{
     Artefact, Context, Decoder, Encoder, FormatError, Inputs, Mesh, Node, NodeError, Port, PortValues, Table,
@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::iqp_match::Match;
+use crate::patch_extract::Metric;
 
 /// Which plane of the reference mirrors left to right.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -47,11 +48,13 @@ pub struct Params {
     /// Above 0, default 0.1.
     #[schemars(range(min = 1e-6))]
     pub reach: f64,
+    /// How the distances of the error are measured: `Edges`, `Unfolded` (default), `Heat` or `Exact`.
+    pub metric: Metric,
 }
 
 impl Default for Params {
     fn default() -> Self {
-        Self { mirror: Mirror::Auto, reach: 0.1 }
+        Self { mirror: Mirror::Auto, reach: 0.1, metric: Metric::Unfolded }
     }
 }
 
@@ -206,14 +209,14 @@ impl Node for EvaluateMatch {
         let In { matched, left, right, template } = inputs;
         check_vertices(&matched, &left, &right)?;
         let truth = Truth::new(&left, &right, template.as_deref(), params)?;
-        let graph = Graph::new(&right.vertices, &right.faces, Metric::Unfolded)
+        let geodesics = Geodesics::new(&right.vertices, &right.faces, params.metric.kernel())
             .map_err(|e| NodeError::new(format!("the right mesh has no geodesics: {e}")))?;
         let root = right.area().sqrt();
-        let mut dijkstra = Dijkstra::new();
+        let mut search = geodesics.search();
         let mut pairs = Vec::with_capacity(matched.pairs.len());
         for p in &matched.pairs {
             cx.check()?;
-            let distances = dijkstra.distances(&graph, &[p.right_vertex]);
+            let distances = search.distances(&[p.right_vertex]);
             let error = |v: Option<u32>| v.map(|v| distances[v as usize] / root).filter(|e| e.is_finite());
             let true_vertex = truth.image(p.left_vertex);
             let (plain, twin) = (error(true_vertex), error(truth.twin(p.left_vertex)));

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use salient_kernels::disc::{DiscCutter, PatchKind};
-use salient_kernels::geodesic::{Dijkstra, Graph, Metric};
+use salient_kernels::geodesic::{self, Geodesics, Search};
 use salient_sdk::{
     Artefact, Context, Decoder, Encoder, FormatError, Inputs, Mesh, Node, NodeError, Port, PortValues, Table,
 };
@@ -18,13 +18,30 @@ use serde_json::{Value, json};
 use crate::feature::{self, Feature};
 use crate::maxima::Salient;
 
-/// How distances on the surface are measured.
+/// How distances on the surface are measured. Mean errors, on analytic surfaces and on scans of about 10,000 vertices.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum Distance {
-    /// Dijkstra along edges, as the paper has it: 6-10 % too long.
+pub enum Metric {
+    /// Dijkstra along edges, as the paper has it: 4-12 % too long.
     Edges,
-    /// Dijkstra along edges and across each edge's two unfolded triangles: 2-5 % too long.
+    /// Dijkstra along edges and across each edge's two unfolded triangles: 1.4-4 % too long.
     Unfolded,
+    /// The heat method: off by 0.3-2.6 %, either way. Each patch costs a solve on the whole mesh.
+    Heat,
+    /// Shortest paths through the triangles, without error.
+    Exact,
+}
+
+impl Metric {
+    /// The kernel's name for it.
+    #[must_use]
+    pub fn kernel(self) -> geodesic::Metric {
+        match self {
+            Self::Edges => geodesic::Metric::Edges,
+            Self::Unfolded => geodesic::Metric::Unfolded,
+            Self::Heat => geodesic::Metric::Heat,
+            Self::Exact => geodesic::Metric::Exact,
+        }
+    }
 }
 
 /// Params of [`PatchExtract`].
@@ -37,13 +54,13 @@ pub struct Params {
     /// Cut triangles where the distance equals the radius, rather than keep only whole triangles.
     /// Default true: it makes patches of different triangulations alike.
     pub clip: bool,
-    /// How distances are measured: `Edges` (paper; default) or `Unfolded`.
-    pub distance: Distance,
+    /// How distances are measured, of patches and between features: `Edges` (paper; default), `Unfolded`, `Heat` or `Exact`.
+    pub metric: Metric,
 }
 
 impl Default for Params {
     fn default() -> Self {
-        Self { radius: 1.7, clip: true, distance: Distance::Edges }
+        Self { radius: 1.7, clip: true, metric: Metric::Edges }
     }
 }
 
@@ -233,10 +250,6 @@ impl Node for PatchExtract {
 
     fn run(params: &Params, In { mesh, maxima }: In, cx: Context) -> Result<Patches, NodeError> {
         let bad = |e: &dyn std::fmt::Display| NodeError::new(format!("the mesh has no discs: {e}"));
-        let metric = match params.distance {
-            Distance::Edges => Metric::Edges,
-            Distance::Unfolded => Metric::Unfolded,
-        };
         if let Some(f) = maxima.features.iter().find(|f| f.vertex as usize >= mesh.vertices.len()) {
             return Err(NodeError::new(format!(
                 "feature vertex {} is past the mesh's {} vertices",
@@ -244,18 +257,18 @@ impl Node for PatchExtract {
                 mesh.vertices.len()
             )));
         }
-        let graph = Graph::new(&mesh.vertices, &mesh.faces, metric).map_err(|e| bad(&e))?;
+        let geodesics = Geodesics::new(&mesh.vertices, &mesh.faces, params.metric.kernel()).map_err(|e| bad(&e))?;
         let cutter = DiscCutter::new(&mesh.vertices, &mesh.faces).map_err(|e| bad(&e))?;
         let batches: Vec<&[Feature]> = maxima.features.chunks(BATCH).collect();
         let patches = cx.map(&batches, |_, batch| {
-            let (mut cutter, mut dijkstra) = (cutter.clone(), Dijkstra::new());
+            let (mut cutter, mut search) = (cutter.clone(), geodesics.search());
             let patch = |f: &Feature| {
                 cx.check()?;
-                Ok(patch(&mut cutter, &mut dijkstra, &graph, f, params))
+                Ok(patch(&mut cutter, &mut search, f, params))
             };
             batch.iter().map(patch).collect::<Result<Vec<_>, NodeError>>()
         })?;
-        let distances = distances(&graph, &maxima.features, cx)?;
+        let distances = distances(&geodesics, &maxima.features, cx)?;
         Ok(Patches {
             features: maxima.features.clone(),
             patches: patches.into_iter().flatten().collect(),
@@ -268,9 +281,9 @@ impl Node for PatchExtract {
 /// Features that share one workspace.
 const BATCH: usize = 8;
 
-fn patch(cutter: &mut DiscCutter, dijkstra: &mut Dijkstra, graph: &Graph, f: &Feature, params: &Params) -> Patch {
+fn patch(cutter: &mut DiscCutter, search: &mut Search, f: &Feature, params: &Params) -> Patch {
     let radius = params.radius * f.scale;
-    let ball = dijkstra.ball(graph, &[f.vertex], radius);
+    let ball = search.ball(&[f.vertex], radius);
     let disc = cutter.cut(f.vertex, &ball, params.clip);
     let kind = match disc.kind {
         PatchKind::Disk => Kind::Disk,
@@ -290,17 +303,12 @@ fn patch(cutter: &mut DiscCutter, dijkstra: &mut Dijkstra, graph: &Graph, f: &Fe
 }
 
 /// Distances between features, f x f: one search per different vertex, symmetric by construction.
-fn distances(graph: &Graph, features: &[Feature], cx: Context) -> Result<Vec<f64>, NodeError> {
+fn distances(geodesics: &Geodesics, features: &[Feature], cx: Context) -> Result<Vec<f64>, NodeError> {
     let vertices: Vec<u32> = features.iter().map(|f| f.vertex).collect::<BTreeSet<_>>().into_iter().collect();
     let batches: Vec<&[u32]> = vertices.chunks(BATCH).collect();
     let rows = cx.map(&batches, |_, batch| {
-        let mut dijkstra = Dijkstra::new();
-        let row = |v: &u32| {
-            cx.check()?;
-            let all = dijkstra.distances(graph, &[*v]);
-            Ok(vertices.iter().map(|w| all[*w as usize]).collect::<Vec<f64>>())
-        };
-        batch.iter().map(row).collect::<Result<Vec<_>, NodeError>>()
+        cx.check()?;
+        Ok(geodesics.search().between(batch, &vertices))
     })?;
     let rows: Vec<Vec<f64>> = rows.into_iter().flatten().collect();
     let at = |f: &Feature| vertices.partition_point(|v| *v < f.vertex);

@@ -98,7 +98,7 @@ impl Csr {
     }
 
     /// Buckets `(row, target)` pairs by row, keeping the order of pairs within a row.
-    fn bucket(rows: usize, pairs: impl Iterator<Item = (u32, u32)> + Clone) -> Self {
+    pub(crate) fn bucket(rows: usize, pairs: impl Iterator<Item = (u32, u32)> + Clone) -> Self {
         let mut offsets = vec![0usize; rows + 1];
         for (row, _) in pairs.clone() {
             offsets[row as usize + 1] += 1;
@@ -114,45 +114,43 @@ impl Csr {
         }
         Self { offsets, targets }
     }
-
-    /// Sorts each row and drops repeats in it.
-    fn sort_rows(&mut self) {
-        let mut kept = 0;
-        for i in 0..self.len() {
-            let (start, end) = (self.offsets[i], self.offsets[i + 1]);
-            self.targets[start..end].sort_unstable();
-            self.offsets[i] = kept;
-            for k in start..end {
-                let target = self.targets[k];
-                if kept == self.offsets[i] || self.targets[kept - 1] != target {
-                    self.targets[kept] = target;
-                    kept += 1;
-                }
-            }
-        }
-        self.targets.truncate(kept);
-        if let Some(last) = self.offsets.last_mut() {
-            *last = kept;
-        }
-    }
 }
 
 /// The vertices sharing a face with each vertex: sorted, without repeats, without the vertex itself.
 pub fn one_ring(vertex_count: usize, faces: &[[u32; 3]]) -> Result<Csr, MeshError> {
-    check_faces(vertex_count, faces)?;
-    let pairs = faces.iter().flat_map(|&[a, b, c]| [(a, b), (b, a), (b, c), (c, b), (c, a), (a, c)]);
-    let mut ring = Csr::bucket(vertex_count, pairs.filter(|(a, b)| a != b));
-    ring.sort_rows();
+    let incidence = vertex_faces(vertex_count, faces)?;
+    // Vertices are handed out to their neighbours in ascending order: rows come out sorted, and repeats follow each other.
+    let mut filled: Vec<usize> = incidence.offsets.iter().map(|o| 2 * o).collect();
+    let mut loose = vec![0; 2 * incidence.targets.len()];
+    for v in 0..vertex_count {
+        for &face in incidence.row(v) {
+            for w in faces[face as usize] {
+                let end = filled[w as usize];
+                let repeated = end > 2 * incidence.offsets[w as usize] && loose[end - 1] == v as u32;
+                if w as usize != v && !repeated {
+                    loose[end] = v as u32;
+                    filled[w as usize] = end + 1;
+                }
+            }
+        }
+    }
+    let mut ring = Csr { offsets: Vec::with_capacity(vertex_count + 1), targets: Vec::with_capacity(3 * faces.len()) };
+    ring.offsets.push(0);
+    for v in 0..vertex_count {
+        ring.targets.extend_from_slice(&loose[2 * incidence.offsets[v]..filled[v]]);
+        ring.offsets.push(ring.targets.len());
+    }
     Ok(ring)
 }
 
 /// The faces at each vertex, ascending; a face that names a vertex twice is listed once.
 pub fn vertex_faces(vertex_count: usize, faces: &[[u32; 3]]) -> Result<Csr, MeshError> {
     check_faces(vertex_count, faces)?;
-    let pairs = faces.iter().zip(0u32..).flat_map(|(corners, face)| corners.map(|v| (v, face)));
-    let mut incidence = Csr::bucket(vertex_count, pairs);
-    incidence.sort_rows();
-    Ok(incidence)
+    // A repeat is passed over by naming it as no vertex; counting sort keeps faces in order.
+    let pairs = faces.iter().zip(0u32..).flat_map(|(&[a, b, c], face)| {
+        [(a, true), (b, b != a), (c, c != a && c != b)].map(|(v, first)| (v, face, first))
+    });
+    Ok(Csr::bucket(vertex_count, pairs.filter(|p| p.2).map(|p| (p.0, p.1))))
 }
 
 /// The undirected edges of a mesh and the faces at each.
@@ -169,40 +167,59 @@ pub struct Edges {
 /// Finds the edges of a mesh.
 pub fn edges(vertex_count: usize, faces: &[[u32; 3]]) -> Result<Edges, MeshError> {
     check_faces(vertex_count, faces)?;
-    // One record per side, bucketed by its lower end; a bucket then holds about three edges' sides.
-    let sides = |face: usize, k: usize| {
-        let (a, b) = (faces[face][k], faces[face][(k + 1) % 3]);
-        (a.min(b), a.max(b))
+    let count = |row: &mut [usize]| {
+        for (k, corners) in faces.iter().flat_map(|f| (0..3).map(move |k| (k, f))) {
+            let (a, b) = (corners[k], corners[(k + 1) % 3]);
+            row[a.min(b) as usize + 1] += usize::from(a != b);
+        }
     };
-    let pairs = (0..faces.len() * 3).filter_map(|s| {
-        let (low, high) = sides(s / 3, s % 3);
-        (low != high).then_some((low, s as u32))
-    });
-    let mut buckets = Csr::bucket(vertex_count, pairs);
-    let mut ends: Vec<[u32; 2]> = Vec::new();
-    let mut incident = Csr { offsets: Vec::new(), targets: Vec::with_capacity(buckets.targets.len()) };
+    let mut offsets = vec![0usize; vertex_count + 1];
+    count(&mut offsets);
+    for v in 0..vertex_count {
+        offsets[v + 1] += offsets[v];
+    }
+    // One word per side, the higher end above the side's number, bucketed by the lower end: some six to a bucket.
+    let mut next = offsets.clone();
+    let mut sides = vec![0u64; offsets[vertex_count]];
+    for (face, corners) in faces.iter().enumerate() {
+        for k in 0..3 {
+            let (a, b) = (corners[k], corners[(k + 1) % 3]);
+            if a != b {
+                let slot = &mut next[a.min(b) as usize];
+                sides[*slot] = u64::from(a.max(b)) << 32 | (3 * face + k) as u64;
+                *slot += 1;
+            }
+        }
+    }
+    let mut ends: Vec<[u32; 2]> = Vec::with_capacity(sides.len() / 2 + 1);
+    let mut incident =
+        Csr { offsets: Vec::with_capacity(sides.len() / 2 + 2), targets: Vec::with_capacity(sides.len()) };
     let mut face_edges = vec![[NO_EDGE; 3]; faces.len()];
     for v in 0..vertex_count {
-        let (start, end) = (buckets.offsets[v], buckets.offsets[v + 1]);
-        let row = &mut buckets.targets[start..end];
-        row.sort_unstable_by_key(|&s| (sides(s as usize / 3, s as usize % 3).1, s));
-        for &side in row.iter() {
-            let (face, k) = (side as usize / 3, side as usize % 3);
-            let (low, high) = sides(face, k);
-            if ends.last() != Some(&[low, high]) {
-                ends.push([low, high]);
+        let row = &mut sides[offsets[v]..offsets[v + 1]];
+        row.sort_unstable();
+        for &mut packed in row {
+            let (high, side) = ((packed >> 32) as u32, packed as u32);
+            let (face, k) = (side / 3, (side % 3) as usize);
+            let new = ends.last() != Some(&[v as u32, high]);
+            if new {
+                ends.push([v as u32, high]);
                 incident.offsets.push(incident.targets.len());
             }
-            let first = incident.offsets[ends.len() - 1];
             // A face that folds back on itself (a, b, a) is at its edge once.
-            if incident.targets.len() == first || incident.targets.last() != Some(&(face as u32)) {
-                incident.targets.push(face as u32);
+            if new || incident.targets.last() != Some(&face) {
+                incident.targets.push(face);
             }
-            face_edges[face][k] = ends.len() as u32 - 1;
+            face_edges[face as usize][k] = ends.len() as u32 - 1;
         }
     }
     incident.offsets.push(incident.targets.len());
     Ok(Edges { ends, faces: incident, face_edges })
+}
+
+/// The edges at each vertex, ascending, of a list of edges with ends below `vertex_count`.
+pub(crate) fn spokes(vertex_count: usize, ends: &[[u32; 2]]) -> Csr {
+    Csr::bucket(vertex_count, ends.iter().zip(0u32..).flat_map(|(&[a, b], e)| [(a, e), (b, e)]))
 }
 
 #[cfg(test)]

@@ -10,10 +10,11 @@ mod intrinsic_delaunay;
 mod triangle;
 
 pub use error::LaplacianError;
+pub(crate) use intrinsic_delaunay::flip_to_delaunay;
+pub(crate) use triangle::Triangle;
 pub use triangle::is_zero_area;
 
 use crate::sparse::SymmetricCsr;
-use triangle::Triangle;
 
 /// How a triangle's area is shared among its corners; both ways sum to the surface's area.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -8,7 +8,7 @@ use geom::Random;
 use salient_kernels::creature::{
     Creature, CreatureError, CreatureParams, RestSurface, Species, correspondence, generate, mirror_twins,
 };
-use salient_kernels::geodesic::{Dijkstra, Graph, Metric};
+use salient_kernels::geodesic::{Dijkstra, Graph};
 use salient_kernels::topology::{census, surface_area};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -201,7 +201,7 @@ fn geodesic_distances_survive_the_pose() {
     for species in Species::ALL {
         let rest = made(species, 1, 0);
         let rows = |creature: &Creature| -> Vec<Vec<f64>> {
-            let graph = Graph::new(&creature.vertices, &creature.faces, Metric::Unfolded).unwrap();
+            let graph = Graph::unfolded(&creature.vertices, &creature.faces).unwrap();
             let vertices: Vec<u32> = creature.landmarks.iter().map(|l| l.1).collect();
             let mut work = Dijkstra::new();
             let row = |&v: &u32| {

@@ -6,13 +6,13 @@ mod geom;
 
 use geom::{Mesh, cylinder, permuted, plane, sphere, torus};
 use salient_kernels::disc::{CUT, DiscCutter, Patch, PatchKind};
-use salient_kernels::geodesic::{Ball, Dijkstra, Graph, Metric};
+use salient_kernels::geodesic::{Ball, Dijkstra, Graph};
 use salient_kernels::topology::{census, surface_area};
 use std::f64::consts::PI;
 
 /// A disc by graph distances.
 fn disc(mesh: &Mesh, center: u32, radius: f64, clip: bool) -> Patch {
-    let graph = Graph::new(&mesh.0, &mesh.1, Metric::Unfolded).unwrap();
+    let graph = Graph::unfolded(&mesh.0, &mesh.1).unwrap();
     let mut work = Dijkstra::new();
     let patch = DiscCutter::new(&mesh.0, &mesh.1).unwrap().cut(center, &work.ball(&graph, &[center], radius), clip);
     check(mesh, &patch, radius);
@@ -145,7 +145,7 @@ fn too_small_discs_say_so() {
     assert!(corner.kind == PatchKind::Disk && corner.center_on_boundary);
     assert!(!disc(&mesh, 60, 0.5, true).center_on_boundary);
     // A centre that is not in the mesh, or in no face.
-    let graph = Graph::new(&mesh.0, &mesh.1, Metric::Edges).unwrap();
+    let graph = Graph::edges(&mesh.0, &mesh.1).unwrap();
     let mut work = Dijkstra::new();
     let patch = DiscCutter::new(&mesh.0, &mesh.1).unwrap().cut(9999, &work.ball(&graph, &[9999], 1.0), true);
     assert_eq!(patch.kind, PatchKind::TooSmall);

@@ -9,7 +9,7 @@ use salient_kernels::geodesic::{Dijkstra, Graph, Metric};
 use std::f64::consts::{PI, TAU};
 
 fn graph((vertices, faces): &Mesh, metric: Metric) -> Graph {
-    Graph::new(vertices, faces, metric).unwrap()
+    if metric == Metric::Edges { Graph::edges(vertices, faces) } else { Graph::unfolded(vertices, faces) }.unwrap()
 }
 
 /// Mean and greatest relative excess of graph distances from a few sources over exact ones, beyond `near`.
@@ -182,8 +182,8 @@ fn apart_and_refused() {
     let two = (vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [5.0; 3]], vec![[0, 1, 2]]);
     let found = Dijkstra::new().distances(&graph(&two, Metric::Edges), &[0]);
     assert!(found[3].is_infinite());
-    assert!(Graph::new(&[[f64::NAN; 3]], &[], Metric::Edges).is_err());
-    assert!(Graph::new(&[[0.0; 3]], &[[0, 0, 1]], Metric::Edges).is_err());
+    assert!(Graph::edges(&[[f64::NAN; 3]], &[]).is_err());
+    assert!(Graph::edges(&[[0.0; 3]], &[[0, 0, 1]]).is_err());
     // A sphere of radius R at R pi: antipodes.
     let mesh = sphere(3);
     let farthest = Dijkstra::new().distances(&graph(&mesh, Metric::Unfolded), &[0]).into_iter().fold(0.0, f64::max);

@@ -1,6 +1,6 @@
 //! Patches and their spectra.
 
-use salient_nodes::patch_extract::{self, Distance, Kind};
+use salient_nodes::patch_extract::{self, Kind, Metric};
 use salient_nodes::patch_spectrum::{self, Normalise};
 use salient_sdk::{AnyArtefact, DefectKind};
 
@@ -39,7 +39,7 @@ fn distances_between_features_are_a_metric_and_unfolding_shortens_them() {
     let mesh = creature(2, 700);
     let maxima = maxima(&mesh, &energy(&mesh, &basis(&mesh, 40)), 25);
     let edges = patches(&mesh, &maxima, &defaults());
-    let unfolded = patches(&mesh, &maxima, &patch_extract::Params { distance: Distance::Unfolded, ..defaults() });
+    let unfolded = patches(&mesh, &maxima, &patch_extract::Params { metric: Metric::Unfolded, ..defaults() });
     let n = maxima.features.len();
     let d = |a: usize, b: usize| edges.distances[a * n + b];
     for a in 0..n {

@@ -25,7 +25,7 @@ fn next(h: u32) -> u32 {
 }
 
 /// The faces and lengths of the intrinsic Delaunay triangulation of the same surface on the same vertices. Boundary edges stay.
-pub(super) fn flip_to_delaunay(faces: &[[u32; 3]], lengths: &[[f64; 3]]) -> Result<Triangulation, LaplacianError> {
+pub(crate) fn flip_to_delaunay(faces: &[[u32; 3]], lengths: &[[f64; 3]]) -> Result<Triangulation, LaplacianError> {
     let mut mesh = Mesh::new(faces, lengths)?;
     let count = mesh.corners.len();
     // A stack of half-edges to examine, smallest on top; any order ends in the same triangulation but for cocircular quads.

@@ -5,7 +5,7 @@
 const FLAT: f64 = 1e-14;
 
 /// What the Laplacian needs of a triangle; index i is the corner, or the edge opposite it.
-pub(super) struct Triangle {
+pub(crate) struct Triangle {
     pub cotangents: [f64; 3],
     /// Squared edge lengths.
     pub squared: [f64; 3],
