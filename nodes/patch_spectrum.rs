@@ -8,7 +8,6 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use salient_kernels::eigen::EigenError;
 use salient_kernels::patch_spectrum::{self as kernel, PatchError, PatchOptions};
 use salient_sdk::{
     Artefact, Context, Decoder, Defect, DefectKind, Encoder, FormatError, Inputs, Node, NodeError, Port, PortValues,
@@ -233,7 +232,7 @@ fn describe(patch: &Patch, params: &Params, cx: Context) -> Result<Result<Vec<f6
     let (options, hooks) = (PatchOptions::default(), ContextHooks(cx));
     let spectrum = match kernel::patch_spectrum(&patch.vertices, &patch.faces, count, &options, &hooks) {
         Ok(spectrum) => spectrum,
-        Err(PatchError::Eigen(EigenError::Cancelled)) => return Err(NodeError::cancelled()),
+        Err(PatchError::Cancelled) => return Err(NodeError::cancelled()),
         Err(e) => return Ok(Err(e.to_string())),
     };
     let slope = 4.0 * PI / spectrum.closed_area;

@@ -3,7 +3,7 @@
 mod common;
 
 use common::*;
-use salient_kernels::eigen::{EigenError, Hooks, Options, eigenpairs};
+use salient_kernels::eigen::{Hooks, Options, eigenpairs};
 use salient_kernels::laplacian::{Area, laplacian};
 use salient_kernels::patch_spectrum::{PatchError, PatchOptions, patch_spectrum};
 
@@ -36,10 +36,10 @@ fn the_union_is_the_spectrum_of_the_doubled_mesh() {
             let operator = laplacian(&double.0, &double.1, area, false).expect("a closed mesh");
             let options = Options { dense_limit: 2000, ..Options::default() };
             let explicit = eigenpairs(&operator, count + 1, &options, &()).expect("small");
-            for dense_limit in [0, 2000] {
+            for (dense_limit, tolerance) in [(0, 1e-10), (2000, 2e-12)] {
                 let options = PatchOptions { area, dense_limit, ..PatchOptions::default() };
                 let spectrum = patch_spectrum(&patch.0, &patch.1, count, &options, &()).expect("a patch");
-                assert_close(&spectrum.values, &explicit.values[1..], 2e-12);
+                assert_close(&spectrum.values, &explicit.values[1..], tolerance);
                 assert!(spectrum.doubled);
                 assert_close(&[spectrum.closed_area, 2.0 * spectrum.patch_area], &[operator.area(); 2], 1e-13);
             }
@@ -70,7 +70,7 @@ fn rectangles_are_exact() {
     for (dense_limit, intrinsic_delaunay) in [(0, false), (0, true), (1000, false)] {
         let options = PatchOptions { dense_limit, intrinsic_delaunay, ..PatchOptions::default() };
         let spectrum = patch_spectrum(&points, &faces, 60, &options, &()).expect("a patch");
-        assert_close(&spectrum.values, &expected[1..61], 1e-11);
+        assert_close(&spectrum.values, &expected[1..61], 1e-10);
         assert_close(&[spectrum.patch_area, spectrum.closed_area], &[6.0, 12.0], 1e-13);
     }
 }
@@ -112,5 +112,5 @@ fn refusals() {
     assert_eq!(refused(0), Err(PatchError::NoneWanted));
     let patch = rough_patch(5, 5);
     let cancelled = patch_spectrum(&patch.0, &patch.1, 5, &PatchOptions::default(), &Stop);
-    assert_eq!(cancelled, Err(PatchError::Eigen(EigenError::Cancelled)));
+    assert_eq!(cancelled, Err(PatchError::Cancelled));
 }

@@ -1,6 +1,6 @@
 //! From approximate vectors to certified pairs: refinement, the cut, the count, deflated rounds for what was missed.
 
-use super::dense::{lifted, symmetric_eigen, symmetric_eigenvalues};
+use super::dense::{lifted, symmetric_eigen};
 use super::factor::{Factor, Factorizer};
 use super::gauge::fix_sign;
 use super::lanczos::{Run, lanczos, orthonormalise, refine};
@@ -274,11 +274,4 @@ fn finish(problem: &Problem<'_>, k: usize, pairs: &Pairs, certificate: Certifica
         fix_sign(target, problem.mass);
     }
     Eigenpairs { values, vectors, n, certificate }
-}
-
-/// All positive eigenvalues, ascending, by the dense solver.
-pub(crate) fn dense_values(problem: &Problem<'_>) -> Result<Vec<f64>, EigenError> {
-    let mut values = symmetric_eigenvalues(lifted(problem).as_ref())?;
-    values.truncate(problem.n() - problem.nullity());
-    Ok(values.iter().map(|x| x / problem.area).collect())
 }
