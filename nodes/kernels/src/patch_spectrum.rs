@@ -156,7 +156,9 @@ fn scaled_values(
     let n = problem.n();
     // With most of the spectrum wanted, Lanczos would make bases as large as the matrices.
     if n <= options.dense_limit || 5 * count > n + problem.interior {
-        return dense_values(problem, count);
+        if let Some(values) = dense_values(problem, count)? {
+            return Ok(values);
+        }
     }
     let factoriser = Factoriser::new(problem).ok_or(PatchError::Memory)?;
     let attempts = if doubled {
@@ -172,11 +174,14 @@ fn scaled_values(
     if n > DENSE_AT_MOST {
         return Err(PatchError::NotCertified);
     }
-    dense_values(problem, count)
+    dense_values(problem, count)?.ok_or(PatchError::NotCertified)
 }
 
-/// The same by complete decompositions.
-fn dense_values(problem: &Doubled, count: usize) -> Result<Vec<f64>, PatchError> {
+/// Accepted effect of rounding on the values of the dense solver, relative to the lowest: slivers have more.
+const DENSE_ROUNDING: f64 = 1e-8;
+
+/// The same by complete decompositions; nothing if rounding may be in the values.
+fn dense_values(problem: &Doubled, count: usize) -> Result<Option<Vec<f64>>, PatchError> {
     let mut values = Vec::new();
     for (order, zeros) in [(problem.n(), 1), (problem.interior, 0)] {
         let all = tridiagonal::eigenvalues(&mut problem.dense(order), order, &mut []);
@@ -184,7 +189,8 @@ fn dense_values(problem: &Doubled, count: usize) -> Result<Vec<f64>, PatchError>
     }
     values.sort_by(f64::total_cmp);
     values.truncate(count);
-    if values.first().is_some_and(|&lowest| lowest > 0.0) { Ok(values) } else { Err(PatchError::NotCertified) }
+    let rounding = f64::EPSILON * problem.norm();
+    Ok(values.first().is_some_and(|&lowest| rounding <= DENSE_ROUNDING * lowest).then_some(values))
 }
 
 /// Vertices on no edge that has exactly one face, ascending.

@@ -156,9 +156,25 @@ fn strips_and_slivers_are_exact() {
         let mut expected = rectangle_values(p, q, hx, hy, false);
         expected.extend(rectangle_values(p, q, hx, hy, true));
         expected.sort_by(f64::total_cmp);
-        let spectrum = patch_spectrum(&points, &faces, 21, &PatchOptions::default(), &()).expect("a patch");
-        assert_close(&spectrum.values, &expected[1..22], tolerance);
+        match patch_spectrum(&points, &faces, 21, &PatchOptions::default(), &()) {
+            Ok(spectrum) => assert_close(&spectrum.values, &expected[1..22], tolerance),
+            // Where every triangle is that thin, factorisations have no accuracy left, and it says so.
+            Err(error) => assert!(error == PatchError::NotCertified && height < 1e-4, "{error}"),
+        }
     }
+}
+
+#[test]
+fn single_slivers_do_no_harm() {
+    // One row of triangles 1e-6 as high as the others.
+    let x = uniform(24, 4.0);
+    let mut y = uniform(18, 3.0);
+    y.insert(10, y[9] + 1e-6 * (y[1] - y[0]));
+    let (points, faces) = tensor_grid(&x, &y, |_, _| 0.0);
+    let (plain, regular) = tensor_grid(&x, &uniform(18, 3.0), |_, _| 0.0);
+    let thin = patch_spectrum(&points, &faces, 21, &PatchOptions::default(), &()).expect("a patch");
+    let without = patch_spectrum(&plain, &regular, 21, &PatchOptions::default(), &()).expect("a patch");
+    assert_close(&thin.values, &without.values, 1e-5);
 }
 
 #[test]

@@ -105,7 +105,8 @@ impl Numbers<'_> {
     pub fn packed(&self) -> Packed {
         let interior = self.factoriser.problem.interior;
         let n = self.factoriser.problem.n();
-        let mut packed = Packed { interior, nodes: Vec::new(), rows: Vec::new(), values: Vec::new(), inverse: vec![0.0; n] };
+        let mut packed =
+            Packed { interior, nodes: Vec::new(), rows: Vec::new(), values: Vec::new(), inverse: vec![0.0; n] };
         let Some(factor) = self.supernodes() else { return packed };
         for s in 0..factor.symbolic().n_supernodes() {
             let node = factor.supernode(s);

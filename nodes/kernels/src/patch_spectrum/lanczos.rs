@@ -12,8 +12,8 @@ use crate::random::Random;
 const EXHAUSTED: f64 = 1e-12;
 /// Where it shrinks by this factor, another pass is due.
 const SHRUNK: f64 = 1e-3;
-/// A factorisation is used if it returns a known solution this well.
-const ACCURACY: f64 = 1e-9;
+/// A factorisation is used if it returns known solutions this well.
+const ACCURACY: f64 = 1e-6;
 /// Ritz values this near each other, relative to their distance from the shift, are bounded together.
 const CLUSTER: f64 = 1e-3;
 
@@ -30,6 +30,8 @@ pub(super) struct Lanczos<'a, const L: usize, const B: usize> {
     problem: &'a Doubled,
     factor: &'a Packed,
     shift: f64,
+    /// Relative error of known solutions.
+    solve_error: f64,
     basis: Vec<Vec<Row<L>>>,
     /// Diagonal blocks of the projections, and the triangular blocks below them.
     diagonal: Vec<Block<L, B>>,
@@ -39,8 +41,10 @@ pub(super) struct Lanczos<'a, const L: usize, const B: usize> {
 impl<'a, const L: usize, const B: usize> Lanczos<'a, L, B> {
     /// A run from random vectors; `None` if the factorisation is not accurate.
     pub fn new(problem: &'a Doubled, factor: &'a Packed, shift: f64, seed: u64) -> Option<Self> {
-        let mut run = Self { problem, factor, shift, basis: Vec::new(), diagonal: Vec::new(), below: Vec::new() };
-        if !run.is_accurate() {
+        let (basis, diagonal, below) = (Vec::new(), Vec::new(), Vec::new());
+        let mut run = Self { problem, factor, shift, solve_error: 0.0, basis, diagonal, below };
+        run.solve_error = run.known_solutions();
+        if run.solve_error.is_nan() || run.solve_error > ACCURACY {
             return None;
         }
         let mut random = Random::new(&[seed]);
@@ -64,8 +68,13 @@ impl<'a, const L: usize, const B: usize> Lanczos<'a, L, B> {
         self.diagonal.len()
     }
 
-    /// Whether the factorisation returns two known solutions: the null vector, and its leading part.
-    fn is_accurate(&self) -> bool {
+    /// What rounding may do to an eigenvalue, relative to it.
+    pub fn rounding(&self, value: f64) -> f64 {
+        self.solve_error * (value - self.shift).abs() / value
+    }
+
+    /// How well the factorisation returns two known solutions, relative to them: the null vector, and its leading part.
+    fn known_solutions(&self) -> f64 {
         let (root, interior) = (&self.problem.root, self.problem.interior);
         let pull = self.problem.boundary_pull();
         let mut x: Vec<Row<L>> = root.iter().map(|u| [-self.shift * u; L]).collect();
@@ -84,7 +93,8 @@ impl<'a, const L: usize, const B: usize> Lanczos<'a, L, B> {
                 sizes[l] += known * known;
             }
         }
-        (0..L).all(|l| errors[l] <= ACCURACY * ACCURACY * sizes[l])
+        let relative = |l: usize| if sizes[l] > 0.0 { (errors[l] / sizes[l]).sqrt() } else { 0.0 };
+        (0..L).map(relative).fold(0.0, |m, x| if x > m || x.is_nan() { x } else { m })
     }
 
     /// Takes the constants out of the Neumann lanes.
@@ -154,10 +164,9 @@ impl<'a, const L: usize, const B: usize> Lanczos<'a, L, B> {
         product.unwrap_or([[0.0; L]; B])
     }
 
-    /// The Ritz values of a problem (0: Neumann, 1: Dirichlet), ascending; only positive ones. `None` if the small problem fails.
-    pub fn ritz(&self, which: usize) -> Option<Vec<Ritz>> {
-        let (steps, m) = (self.steps(), self.steps() * B);
-        let lane = which * B;
+    /// The operator on a problem's basis, a band matrix in full.
+    fn projection(&self, which: usize) -> Vec<f64> {
+        let (steps, m, lane) = (self.steps(), self.steps() * B, which * B);
         let mut t = vec![0.0; m * m];
         for j in 0..steps {
             for i in 0..B {
@@ -172,6 +181,13 @@ impl<'a, const L: usize, const B: usize> Lanczos<'a, L, B> {
                 }
             }
         }
+        t
+    }
+
+    /// The Ritz values of a problem (0: Neumann, 1: Dirichlet), ascending; only positive ones. `None` if the small problem fails.
+    pub fn ritz(&self, which: usize) -> Option<Vec<Ritz>> {
+        let (steps, m, lane) = (self.steps(), self.steps() * B, which * B);
+        let mut t = self.projection(which);
         let mut tails: Vec<Vec<f64>> =
             (0..B).map(|i| (0..m).map(|c| f64::from(u8::from(c == m - B + i))).collect()).collect();
         let inverses = tridiagonal::eigenvalues(&mut t, m, &mut tails)?;
@@ -193,6 +209,31 @@ impl<'a, const L: usize, const B: usize> Lanczos<'a, L, B> {
             .collect();
         all.sort_by(|a, b| a.value.total_cmp(&b.value));
         Some(all)
+    }
+}
+
+impl<const L: usize, const B: usize> Lanczos<'_, L, B> {
+    /// The Rayleigh quotients of a problem's `count` lowest positive Ritz values, from differences along edges. Where triangles are
+    /// slivers, the entries of A are so large that their rounding hides low eigenvalues; these do not see it.
+    pub fn rayleigh_quotients(&self, which: usize, count: usize) -> Option<Vec<f64>> {
+        let m = self.steps() * B;
+        let mut rows: Vec<Vec<f64>> = (0..m).map(|i| (0..m).map(|c| f64::from(u8::from(c == i))).collect()).collect();
+        let inverses = tridiagonal::eigenvalues(&mut self.projection(which), m, &mut rows)?;
+        let mut order: Vec<(f64, usize)> =
+            inverses.iter().enumerate().map(|(c, inverse)| (self.shift + 1.0 / inverse, c)).collect();
+        order.retain(|o| o.0 > 0.0 && o.0.is_finite());
+        order.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let quotient = |&(_, c): &(f64, usize)| {
+            let coefficients: Vec<f64> = rows.iter().map(|row| row[c]).collect();
+            let mut y = vec![0.0; self.problem.n()];
+            for (q, s) in self.basis.iter().zip(coefficients.chunks_exact(B)) {
+                for (y, row) in y.iter_mut().zip(q) {
+                    *y += s.iter().zip(&row[which * B..]).map(|(s, x)| s * x).sum::<f64>();
+                }
+            }
+            self.problem.rayleigh_quotient(&y)
+        };
+        Some(order.iter().take(count).map(quotient).collect())
     }
 }
 

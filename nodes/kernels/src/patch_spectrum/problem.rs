@@ -85,6 +85,30 @@ impl Doubled {
         a
     }
 
+    /// y'Ay / y'y from differences along edges: smooth vectors lose no digits to the cancellation in rows. A Dirichlet vector is zero on
+    /// the boundary.
+    pub fn rayleigh_quotient(&self, y: &[f64]) -> f64 {
+        let v: Vec<f64> = y.iter().zip(&self.root).map(|(y, r)| y / r).collect();
+        let mut energy = 0.0;
+        for j in 0..self.n() {
+            for p in self.starts[j] + 1..self.starts[j + 1] {
+                let i = self.rows[p];
+                energy -= self.entries[p] * self.root[i] * self.root[j] * (v[i] - v[j]) * (v[i] - v[j]);
+            }
+        }
+        energy / y.iter().map(|y| y * y).sum::<f64>()
+    }
+
+    /// The Frobenius norm of A.
+    pub fn norm(&self) -> f64 {
+        let mut sum = 0.0;
+        for j in 0..self.n() {
+            let column = &self.entries[self.starts[j]..self.starts[j + 1]];
+            sum += 2.0 * column.iter().map(|x| x * x).sum::<f64>() - column[0] * column[0];
+        }
+        sum.sqrt()
+    }
+
     /// What the Dirichlet matrix makes of the leading part of the null vector: minus the pull of the boundary, without cancellation.
     pub fn boundary_pull(&self) -> Vec<f64> {
         let mut pull = vec![0.0; self.interior];

@@ -9,6 +9,10 @@ use std::f64::consts::PI;
 
 /// Accepted bound of the relative error of a value.
 const TOLERANCE: f64 = 1e-11;
+/// Accepted effect of the rounding of solves on a value, relative to it.
+const ROUNDING: f64 = 1e-11;
+/// How far, relatively, Rayleigh quotients may be from the Ritz values that they replace.
+const AGREEMENT: f64 = 1e-4;
 /// The cut lies in a gap at least this wide, relative to the value above it.
 const GAP: f64 = 1e-6;
 /// The share of the wanted values below the shift: inside the spectrum it needs a quarter fewer vectors than below it.
@@ -106,7 +110,7 @@ impl<const L: usize, const B: usize> Search<'_, L, B> {
                 Some(Verdict::Wait(more)) => next += more,
                 Some(Verdict::Settled { values, cut, below }) => {
                     if self.certified(cut, below) {
-                        return Ok(Some(values));
+                        return Ok(self.accurate(values, below));
                     }
                     // A value is missing that a few more panels may show.
                     misses += 1;
@@ -121,6 +125,22 @@ impl<const L: usize, const B: usize> Search<'_, L, B> {
                 return Ok(None);
             }
         }
+    }
+
+    /// The values, by Rayleigh quotients if rounding may be in them.
+    fn accurate(&self, values: Vec<f64>, below: [usize; 2]) -> Option<Vec<f64>> {
+        if values.iter().all(|&value| self.run.rounding(value) <= ROUNDING) {
+            return Some(values);
+        }
+        let mut all = Vec::new();
+        for which in 0..Self::PROBLEMS {
+            all.extend(self.run.rayleigh_quotients(which, below[which])?);
+        }
+        all.sort_by(f64::total_cmp);
+        all.truncate(self.count);
+        // They see errors of vectors squared: if they are far from the Ritz values, those are wrong by more than rounding.
+        let near = |(new, old): (&f64, &f64)| (new - old).abs() <= AGREEMENT * old;
+        all.iter().zip(&values).all(near).then_some(all)
     }
 
     /// Whether both problems have as many values below the cut, and below the shift, as were found.
