@@ -8,11 +8,10 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use salient_kernels::eigen::EigenError;
 use salient_kernels::patch_spectrum::{self as kernel, PatchError, PatchOptions};
 use salient_sdk::{
-    Artefact, Context, Decoder, Defect, DefectKind, Encoder, FormatError, Inputs, Node, NodeError, Port, PortValues,
-    Table,
+    Artefact, Context, Decoder, Defect, DefectKind, Encoder, FormatError, Inputs, ItemHasher, Memo, Node, NodeError,
+    Port, PortValues, Table,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -194,7 +193,7 @@ pub struct PatchSpectrum;
 
 impl Node for PatchSpectrum {
     const KIND: &'static str = "patch_spectrum";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const DOC: &'static str = "Each patch's first Laplace-Beltrami eigenvalues, doubled across its boundary, as a descriptor free of scale. \
         A patch with too few vertices for them has no descriptor and says why.";
     const EXAMPLE: &'static str = r#"
@@ -211,7 +210,8 @@ impl Node for PatchSpectrum {
     type Output = Features;
 
     fn run(params: &Params, In { patches }: In, cx: Context) -> Result<Features, NodeError> {
-        let descriptors = cx.map(&patches.patches, |_, patch| describe(patch, params, cx))?;
+        let spectra = cx.map_memo(&Spectra { values: params.values }, &patches.patches)?;
+        let descriptors = spectra.into_iter().map(|s| Ok(normalised(&s?, params.normalise))).collect();
         let summary = |p: &Patch| PatchSummary { kind: p.kind, vertices: p.vertices.len(), area: p.area };
         Ok(Features {
             features: patches.features.clone(),
@@ -224,23 +224,73 @@ impl Node for PatchSpectrum {
     }
 }
 
-/// The descriptor of a patch, or why it has none.
-fn describe(patch: &Patch, params: &Params, cx: Context) -> Result<Result<Vec<f64>, String>, NodeError> {
-    if patch.kind == Kind::TooSmall {
-        return Ok(Err("the patch is too small for the mesh: no face lies within its radius".into()));
+/// The spectrum of one patch, which depends on the patch and the number of values alone.
+struct Spectra {
+    values: u32,
+}
+
+/// Eigenvalues, and the area of the closed surface that has them.
+struct Spectrum {
+    values: Vec<f64>,
+    closed_area: f64,
+}
+
+impl Memo for Spectra {
+    type Item = Patch;
+    /// Or why the patch has none.
+    type Value = Result<Spectrum, String>;
+
+    fn name(&self) -> &'static str {
+        "patches"
     }
-    let count = params.values as usize;
-    let (options, hooks) = (PatchOptions::default(), ContextHooks(cx));
-    let spectrum = match kernel::patch_spectrum(&patch.vertices, &patch.faces, count, &options, &hooks) {
-        Ok(spectrum) => spectrum,
-        Err(PatchError::Eigen(EigenError::Cancelled)) => return Err(NodeError::cancelled()),
-        Err(e) => return Ok(Err(e.to_string())),
-    };
+
+    fn scope(&self) -> Value {
+        json!({ "values": self.values })
+    }
+
+    fn content(&self, patch: &Patch, hash: &mut ItemHasher) {
+        hash.u32s(&[patch.kind as u32]);
+        hash.f64s(patch.vertices.as_flattened());
+        hash.u32s(patch.faces.as_flattened());
+    }
+
+    fn weight(&self, patch: &Patch) -> usize {
+        patch.vertices.len()
+    }
+
+    fn compute(&self, patch: &Patch, cx: Context) -> Result<Self::Value, NodeError> {
+        if patch.kind == Kind::TooSmall {
+            return Ok(Err("the patch is too small for the mesh: no face lies within its radius".into()));
+        }
+        let (count, options) = (self.values as usize, PatchOptions::default());
+        match kernel::patch_spectrum(&patch.vertices, &patch.faces, count, &options, &ContextHooks(cx)) {
+            Ok(found) => Ok(Ok(Spectrum { values: found.values, closed_area: found.closed_area })),
+            Err(PatchError::Cancelled) => Err(NodeError::cancelled()),
+            Err(e) => Ok(Err(e.to_string())),
+        }
+    }
+
+    fn encode(&self, value: &Self::Value) -> Option<Vec<u8>> {
+        let spectrum = value.as_ref().ok()?;
+        let numbers = spectrum.values.iter().chain([&spectrum.closed_area]);
+        Some(numbers.flat_map(|x| x.to_le_bytes()).collect())
+    }
+
+    fn decode(&self, bytes: &[u8]) -> Option<Self::Value> {
+        let (numbers, []) = bytes.as_chunks() else { return None };
+        let mut values: Vec<f64> = numbers.iter().map(|b| f64::from_le_bytes(*b)).collect();
+        let closed_area = values.pop()?;
+        (values.len() == self.values as usize).then_some(Ok(Spectrum { values, closed_area }))
+    }
+}
+
+/// The descriptor that a spectrum gives.
+fn normalised(spectrum: &Spectrum, normalise: Normalise) -> Vec<f64> {
     let slope = 4.0 * PI / spectrum.closed_area;
-    let normalised = |(i, lambda): (usize, &f64)| match params.normalise {
+    let normalised = |(i, lambda): (usize, &f64)| match normalise {
         Normalise::Elementwise => lambda / (slope * (i + 1) as f64),
         Normalise::Slope => lambda / slope,
         Normalise::Never => *lambda,
     };
-    Ok(Ok(spectrum.values.iter().enumerate().map(normalised).collect()))
+    spectrum.values.iter().enumerate().map(normalised).collect()
 }

@@ -40,11 +40,13 @@ fn show<T: Serialize>(json: bool, value: &T, text: impl Fn(&T) -> String) -> Res
 
 fn stat_text(root: &str, stat: &Stat) -> String {
     format!(
-        "{root}\n  {}, {}\n  {}, {}\n  {} remembered, {} now\n  {}\n",
+        "{root}\n  {}, {}\n  {}, {}\n  {} of single items, {}\n  {} remembered, {} now\n  {}\n",
         count(stat.objects, "output"),
         bytes(stat.object_bytes),
         count(stat.records, "record"),
         bytes(stat.record_bytes),
+        count(stat.memos, "pack"),
+        bytes(stat.memo_bytes),
         count(stat.runs, "run"),
         stat.running.len(),
         count(stat.temporaries, "temporary file"),
@@ -53,9 +55,10 @@ fn stat_text(root: &str, stat: &Stat) -> String {
 
 fn verified_text(verified: &Verified) -> String {
     format!(
-        "{} and {} are whole; {} without output (collected; computed again when needed); {} removed\n",
+        "{}, {} and {} are whole; {} without output (collected; computed again when needed); {} removed\n",
         count(verified.objects, "output"),
         count(verified.records, "record"),
+        count(verified.memos, "pack"),
         count(verified.evicted, "record"),
         count(verified.corrupt.len(), "damaged file"),
     )
@@ -63,9 +66,10 @@ fn verified_text(verified: &Verified) -> String {
 
 fn collected_text(collected: &Collected) -> String {
     let mut text = format!(
-        "removed {}, {} and {}: {}; {} of outputs are left\n",
+        "removed {}, {}, {} and {}: {}; {} of outputs and packs are left\n",
         count(collected.objects, "output"),
         count(collected.records, "record"),
+        count(collected.memos, "pack"),
         count(collected.temporaries, "temporary file"),
         bytes(collected.bytes),
         bytes(collected.left),

@@ -4,6 +4,7 @@
 //! version                         what this directory is
 //! objects/ab/<digest>.safetensors artefacts by the hash of their bytes, checked when read
 //! records/ab/<key>/<reads>.json   what made which artefact (self-checked)
+//! memo/ab/<group>/<digest>.memo   values of single items by the hash of the file (see [`super::memo`])
 //! runs/<time>-<id>-<graph>.json   what recent runs did (self-checked)
 //! running/<id>                    one file per living process, touched every minute
 //! tmp/                            files being written
@@ -82,7 +83,7 @@ impl Cache {
     /// Opens a cache directory, making it if needed.
     pub fn open(root: &Path) -> Result<Self, CacheError> {
         let cache = Self { root: root.to_owned() };
-        for part in ["objects", "records", "runs", "running", "tmp"] {
+        for part in ["objects", "records", "memo", "runs", "running", "tmp"] {
             let path = root.join(part);
             fs::create_dir_all(&path).map_err(|e| CacheError::new("make", &path, &e))?;
         }
@@ -201,7 +202,7 @@ impl Cache {
 
     /// Removes a damaged file. Somebody may have replaced it by a whole one since it was read: that
     /// one is put back, and its content returned.
-    fn discard(&self, path: &Path, whole: impl Fn(&[u8]) -> bool) -> Result<Option<Vec<u8>>, CacheError> {
+    pub(super) fn discard(&self, path: &Path, whole: impl Fn(&[u8]) -> bool) -> Result<Option<Vec<u8>>, CacheError> {
         let failed = |e: io::Error| CacheError::new("remove", path, &e);
         let aside = tempfile::Builder::new().tempfile_in(self.root.join("tmp")).map_err(failed)?;
         match fs::rename(path, aside.path()) {

@@ -6,6 +6,7 @@
 //! | [`sources`] | input files, one consistent snapshot a run |
 //! | [`record`] | what the cache remembers of an output |
 //! | [`cache`] | the cache directory: objects and records |
+//! | [`memo`] | values of single items, remembered between executions |
 //! | [`upkeep`] | its size, verification and collection |
 //! | [`running`] | which processes use it now |
 //! | [`history`] | what recent runs did |
@@ -21,6 +22,7 @@ pub mod forecast;
 mod held;
 pub mod history;
 pub mod key;
+pub mod memo;
 pub mod record;
 pub mod running;
 pub mod schedule;

@@ -29,6 +29,10 @@ pub struct Stat {
     pub records: usize,
     /// Their size in bytes.
     pub record_bytes: u64,
+    /// Packs of remembered items.
+    pub memos: usize,
+    /// Their size in bytes.
+    pub memo_bytes: u64,
     /// Runs remembered.
     pub runs: usize,
     /// Files being written, or left by processes that died.
@@ -44,6 +48,8 @@ pub struct Verified {
     pub objects: usize,
     /// Records that are whole.
     pub records: usize,
+    /// Packs of remembered items whose bytes have the digest that they are named after.
+    pub memos: usize,
     /// Records whose artefact has been collected: computed again when it is needed.
     pub evicted: usize,
     /// Damaged files; they have been removed.
@@ -57,11 +63,13 @@ pub struct Collected {
     pub objects: usize,
     /// Records removed.
     pub records: usize,
+    /// Packs of remembered items removed.
+    pub memos: usize,
     /// Stale temporaries removed.
     pub temporaries: usize,
     /// Bytes removed.
     pub bytes: u64,
-    /// Bytes of artefacts that are left.
+    /// Bytes of artefacts and remembered items that are left.
     pub left: u64,
     /// Bytes that would have been removed were they not in use or just used.
     pub protected: u64,
@@ -70,7 +78,7 @@ pub struct Collected {
 /// What to collect.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Artefacts are removed, longest unused first, until at most so many bytes are left.
+    /// Artefacts and remembered items are removed, longest unused first, until at most so many bytes are left.
     pub max_size: Option<u64>,
     /// Artefacts and records unused for longer are removed.
     pub max_age: Option<Duration>,
@@ -93,12 +101,14 @@ struct Found {
 impl Cache {
     /// Counts what is there.
     pub fn stat(&self) -> Result<Stat, CacheError> {
-        let (objects, records) = (self.walk("objects")?, self.walk("records")?);
+        let (objects, records, memos) = (self.walk("objects")?, self.walk("records")?, self.walk("memo")?);
         Ok(Stat {
             objects: objects.len(),
             object_bytes: objects.iter().map(|file| file.bytes).sum(),
             records: records.len(),
             record_bytes: records.iter().map(|file| file.bytes).sum(),
+            memos: memos.len(),
+            memo_bytes: memos.iter().map(|file| file.bytes).sum(),
             runs: self.walk("runs")?.len(),
             temporaries: self.walk("tmp")?.len(),
             running: self.running()?,
@@ -129,6 +139,13 @@ impl Cache {
                 Entry::Corrupt(path) => report.corrupt.push(path),
             }
         }
+        for file in self.walk("memo")? {
+            match self.pack(&file.path)? {
+                Entry::Found(_) => report.memos += 1,
+                Entry::Missing => {}
+                Entry::Corrupt(path) => report.corrupt.push(path),
+            }
+        }
         report.records = whole.len();
         report.evicted = whole.iter().filter(|digest| !self.object_path(digest).exists()).count();
         Ok(report)
@@ -146,10 +163,11 @@ impl Cache {
         let too_old =
             |used: SystemTime| limits.max_age.is_some_and(|max| now.duration_since(used).is_ok_and(|age| age > max));
         let mut report = Collected::default();
-        let mut objects = self.walk("objects")?;
-        objects.sort_by(|a, b| (a.used, &a.path).cmp(&(b.used, &b.path)));
-        let mut left: u64 = objects.iter().map(|file| file.bytes).sum();
-        for file in objects {
+        let mut content: Vec<(Found, bool)> = self.walk("objects")?.into_iter().map(|file| (file, true)).collect();
+        content.extend(self.walk("memo")?.into_iter().map(|file| (file, false)));
+        content.sort_by(|(a, _), (b, _)| (a.used, &a.path).cmp(&(b.used, &b.path)));
+        let mut left: u64 = content.iter().map(|(file, _)| file.bytes).sum();
+        for (file, is_object) in content {
             if !too_old(file.used) && limits.max_size.is_none_or(|max| left <= max) {
                 continue;
             }
@@ -160,7 +178,11 @@ impl Cache {
             remove(&file.path)?;
             left -= file.bytes;
             report.bytes += file.bytes;
-            report.objects += 1;
+            *(if is_object { &mut report.objects } else { &mut report.memos }) += 1;
+            if !is_object {
+                // Fails unless this was the last pack of its group, which is what we want.
+                let _ = file.path.parent().map(fs::remove_dir);
+            }
         }
         report.left = left;
         for file in self.walk("records")? {
@@ -194,6 +216,7 @@ impl Cache {
         for (part, count) in [
             ("objects", &mut report.objects),
             ("records", &mut report.records),
+            ("memo", &mut report.memos),
             ("tmp", &mut report.temporaries),
             ("runs", &mut 0),
         ] {

@@ -9,13 +9,14 @@ use std::time::{Instant, SystemTime};
 
 use crossbeam::channel::Sender;
 use petgraph::graph::NodeIndex;
-use salient_sdk::{AnyArtefact, Context, Host, NodeError, PortValues};
+use salient_sdk::{AnyArtefact, Context, Host, ItemKey, NodeError, PortValues};
 use serde_json::{Map, Value};
 
 use super::cache::{Cache, CacheError, Entry};
 use super::event::Event;
 use super::held::Held;
 use super::key::{Digest, Ingredients, wires};
+use super::memo;
 use super::record::{Read, Record, beside};
 use super::sources::Sources;
 use crate::graph::{Call, Plan};
@@ -280,6 +281,11 @@ fn unlock<T>(mutex: Mutex<T>) -> T {
     mutex.into_inner().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// A cache that fails a node in the middle would fail it at its end as well.
+fn unusable(error: CacheError) -> NodeError {
+    NodeError::passing(error.message).help(error.help)
+}
+
 /// What one execution may ask of the world.
 struct NodeHost<'a> {
     shared: &'a Shared<'a>,
@@ -303,6 +309,12 @@ impl<'a> NodeHost<'a> {
             percent: AtomicU32::new(0),
             started: Instant::now(),
         }
+    }
+
+    /// The group of this node's items with this scope.
+    fn group(&self, scope: &Value) -> Digest {
+        let node = self.shared.plan.dag[self.call].node;
+        memo::group(node.kind(), node.version(), scope)
     }
 
     fn pinned(&self, path: &Path) -> Result<Option<Arc<[u8]>>, NodeError> {
@@ -363,5 +375,17 @@ impl Host for NodeHost<'_> {
             self.shared.permits.give(count);
             self.shared.send(Report::Idle);
         }
+    }
+
+    fn recall(&self, scope: &Value, keys: &[ItemKey]) -> Result<Vec<Option<Vec<u8>>>, NodeError> {
+        let mut found = self.shared.cache.recall(&self.group(scope), keys).map_err(unusable)?;
+        for path in &found.corrupt {
+            self.shared.corrupt(self.call, path);
+        }
+        Ok(keys.iter().map(|key| found.items.remove(key)).collect())
+    }
+
+    fn keep(&self, scope: &Value, items: Vec<(ItemKey, Vec<u8>)>) -> Result<(), NodeError> {
+        self.shared.cache.keep(&self.group(scope), &items.into_iter().collect()).map_err(unusable)
     }
 }

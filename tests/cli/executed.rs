@@ -24,6 +24,22 @@ fn a_param_recomputes_its_stage_and_what_follows() {
 }
 
 #[test]
+fn more_features_compute_only_the_new_patches() {
+    let real = Real::new();
+    let figures = |count: &str| {
+        let set = format!("*/maxima.count={count}");
+        let events = real.events(&[PAIR, "--set", &set]);
+        let finished = |e: &&serde_json::Value| e["event"] == "finished" && e["node"] == "fa/features";
+        let figures = events.iter().find(finished).unwrap()["figures"].clone();
+        ["patches computed", "patches remembered"].map(|name| figures[name].as_u64().unwrap())
+    };
+    let [all, none] = figures("10");
+    assert_eq!((all, none), (10, 0));
+    let [new, known] = figures("18");
+    assert!(new + known == 18 && (1..=10).contains(&known) && known >= 8, "{new} + {known}");
+}
+
+#[test]
 fn cosmetic_edits_of_the_graphs_recompute_nothing() {
     let real = Real::new();
     real.ok(&["run", PAIR]);

@@ -7,5 +7,6 @@ mod toy;
 mod caching;
 mod failures;
 mod lab;
+mod memo;
 mod oracle;
 mod sharing;

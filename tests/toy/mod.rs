@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use salient_sdk::{
-    AnyNode, Artefact, Context, Decoder, Defect, DefectKind, Encoder, FileParam, FormatError, Inputs, Mesh, Node,
-    NodeError, Port, PortValues, Table,
+    AnyNode, Artefact, Context, Decoder, Defect, DefectKind, Encoder, FileParam, FormatError, Inputs, ItemHasher, Memo,
+    Mesh, Node, NodeError, Port, PortValues, Table,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -217,6 +217,61 @@ node!(Moody, "moody", "Adds one, or fails.", None, X, |_, i, _| {
     }
     Ok(numbers(i.x.values.iter().map(|x| x + 1.0).collect()))
 });
+
+/// Params of `roots`.
+#[derive(Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RootsParams {
+    /// Which root is taken.
+    #[serde(default = "two")]
+    degree: f64,
+    /// What is added to each root, which no root depends on.
+    #[serde(default)]
+    plus: f64,
+}
+
+/// `x ^ (1 / degree) + plus` of each number, remembering roots; in any version. Zero has no root worth keeping, 13 is an error.
+pub struct Roots<const VERSION: u32>;
+impl<const V: u32> Node for Roots<V> {
+    const KIND: &'static str = "roots";
+    const VERSION: u32 = V;
+    const DOC: &'static str = "Roots. Of each number.";
+    const EXAMPLE: &'static str = "";
+    type Params = RootsParams;
+    type Inputs = X;
+    type Output = Numbers;
+    fn run(p: &RootsParams, i: X, cx: Context) -> Result<Numbers, NodeError> {
+        let roots = cx.map_memo(&RootsMemo(p.degree), &i.x.values)?;
+        Ok(numbers(roots.into_iter().map(|root| root + p.plus).collect()))
+    }
+}
+
+struct RootsMemo(f64);
+impl Memo for RootsMemo {
+    type Item = f64;
+    type Value = f64;
+    fn name(&self) -> &'static str {
+        "roots"
+    }
+    fn scope(&self) -> Value {
+        json!({ "degree": self.0 })
+    }
+    fn content(&self, item: &f64, hash: &mut ItemHasher) {
+        hash.f64s(&[*item]);
+    }
+    fn compute(&self, item: &f64, _: Context) -> Result<f64, NodeError> {
+        if *item == 13.0 {
+            return Err(NodeError::new("13 is unlucky"));
+        }
+        Ok(item.powf(1.0 / self.0))
+    }
+    fn encode(&self, value: &f64) -> Option<Vec<u8>> {
+        (*value != 0.0).then(|| value.to_le_bytes().to_vec())
+    }
+    fn decode(&self, bytes: &[u8]) -> Option<f64> {
+        Some(f64::from_le_bytes(bytes.try_into().ok()?))
+    }
+}
 
 /// One triangle.
 pub struct Triangle;

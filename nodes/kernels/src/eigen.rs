@@ -21,8 +21,8 @@ mod solver;
 mod vectors;
 
 use crate::laplacian::Operator;
-pub(crate) use problem::{Kernel, Problem};
-pub(crate) use solver::{dense_values, solve};
+use problem::{Kernel, Problem};
+use solver::solve;
 use std::fmt;
 
 /// What a caller may want of a long computation: to see how far it is, to stop it, and to lend it threads.

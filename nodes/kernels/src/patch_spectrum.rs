@@ -4,8 +4,18 @@
 //! patch's Neumann eigenfunctions (boundary vertices get the stiffness and the mass of both copies, which cancels), the odd ones vanish on
 //! the boundary and are its Dirichlet eigenfunctions. The spectrum is the sorted union, from two problems of half the size.
 
-use crate::eigen::{EigenError, Hooks, Kernel, Options, Problem, dense_values, solve};
-use crate::laplacian::{Area, LaplacianError, Operator, laplacian};
+mod factor;
+mod lanczos;
+mod order;
+mod panel;
+mod problem;
+mod sparse;
+mod tridiagonal;
+
+use crate::eigen::Hooks;
+use crate::laplacian::{Area, LaplacianError, laplacian};
+use factor::Factoriser;
+use problem::Doubled;
 use std::fmt;
 
 /// How a patch spectrum is computed.
@@ -15,13 +25,13 @@ pub struct PatchOptions {
     pub area: Area,
     /// Whether the patch is retriangulated intrinsically first; its boundary edges stay, so that the mirror symmetry does.
     pub intrinsic_delaunay: bool,
-    /// Up to this many vertices (interior ones for the Dirichlet part) a dense solver is used.
+    /// Up to this many vertices a dense solver is used.
     pub dense_limit: usize,
 }
 
 impl Default for PatchOptions {
     fn default() -> Self {
-        Self { area: Area::Mixed, intrinsic_delaunay: false, dense_limit: 450 }
+        Self { area: Area::Mixed, intrinsic_delaunay: false, dense_limit: 80 }
     }
 }
 
@@ -57,8 +67,13 @@ pub enum PatchError {
     },
     /// The patch has no Laplacian.
     Laplacian(LaplacianError),
-    /// The eigensolver failed.
-    Eigen(EigenError),
+    /// The values could not be certified: their number below a cut differs from the count by inertia, or they are not accurate. They
+    /// are not returned.
+    NotCertified,
+    /// Memory ran out.
+    Memory,
+    /// The caller's hooks said to stop.
+    Cancelled,
 }
 
 impl fmt::Display for PatchError {
@@ -70,7 +85,9 @@ impl fmt::Display for PatchError {
             }
             Self::Disconnected { components } => write!(f, "the patch is in {components} pieces"),
             Self::Laplacian(error) => write!(f, "the patch has no Laplacian: {error}"),
-            Self::Eigen(error) => write!(f, "the patch's spectrum failed: {error}"),
+            Self::NotCertified => write!(f, "the patch's eigenvalues could not be certified"),
+            Self::Memory => write!(f, "memory ran out for the patch's eigenvalues"),
+            Self::Cancelled => write!(f, "cancelled"),
         }
     }
 }
@@ -79,7 +96,6 @@ impl std::error::Error for PatchError {
     fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
         match self {
             Self::Laplacian(error) => Some(error),
-            Self::Eigen(error) => Some(error),
             _ => None,
         }
     }
@@ -88,12 +104,6 @@ impl std::error::Error for PatchError {
 impl From<LaplacianError> for PatchError {
     fn from(error: LaplacianError) -> Self {
         Self::Laplacian(error)
-    }
-}
-
-impl From<EigenError> for PatchError {
-    fn from(error: EigenError) -> Self {
-        Self::Eigen(error)
     }
 }
 
@@ -110,82 +120,77 @@ pub fn patch_spectrum(
     if count == 0 {
         return Err(PatchError::NoneWanted);
     }
+    if hooks.cancelled() {
+        return Err(PatchError::Cancelled);
+    }
     let operator = laplacian(vertices, faces, options.area, options.intrinsic_delaunay)?;
-    let kernel = Kernel::of_components(&operator.stiffness)?;
-    if kernel.count() != 1 {
-        return Err(PatchError::Disconnected { components: kernel.count() });
+    let (components, _) = operator.stiffness.components();
+    if components != 1 {
+        return Err(PatchError::Disconnected { components });
     }
-    let interior = interior_vertices(vertices.len(), faces);
-    let doubled = interior.len() < vertices.len();
-    let mut available = vertices.len() - 1;
-    let mut parts = vec![Part { operator: &operator, kernel: 1 }];
-    let restricted;
-    if doubled {
-        available += interior.len();
-        restricted = Operator {
-            stiffness: operator.stiffness.principal_submatrix(&interior),
-            mass: interior.iter().map(|&i| operator.mass[i as usize]).collect(),
-        };
-        if !interior.is_empty() {
-            parts.push(Part { operator: &restricted, kernel: 0 });
-        }
-    }
+    let n = vertices.len();
+    let interior = interior_vertices(n, faces);
+    let doubled = interior.len() < n;
+    let available = n - 1 + if doubled { interior.len() } else { 0 };
     if available < count {
         return Err(PatchError::TooFew { wanted: count, available });
     }
-    let values = merged(&parts, count, options, hooks)?;
     let patch_area = operator.area();
+    let problem = Doubled::new(&operator, if doubled { &interior } else { &[] }).ok_or(PatchError::Memory)?;
+    let mut values = scaled_values(&problem, doubled, count, options, hooks)?;
+    values.iter_mut().for_each(|value| *value /= patch_area);
     Ok(PatchSpectrum { values, doubled, patch_area, closed_area: if doubled { 2.0 * patch_area } else { patch_area } })
 }
 
-/// One of the two problems: Neumann, with the constants as its kernel of dimension 1, or Dirichlet, with none.
-struct Part<'a> {
-    operator: &'a Operator,
-    kernel: usize,
+/// Past this many vertices a dense solver takes too long and too much memory to be the last resort.
+const DENSE_AT_MOST: usize = 3000;
+
+/// The values of the patch scaled to unit area.
+fn scaled_values(
+    problem: &Doubled,
+    doubled: bool,
+    count: usize,
+    options: &PatchOptions,
+    hooks: &dyn Hooks,
+) -> Result<Vec<f64>, PatchError> {
+    let n = problem.n();
+    // With most of the spectrum wanted, Lanczos would make bases as large as the matrices.
+    if n <= options.dense_limit || 5 * count > n + problem.interior {
+        if let Some(values) = dense_values(problem, count)? {
+            return Ok(values);
+        }
+    }
+    let factoriser = Factoriser::new(problem).ok_or(PatchError::Memory)?;
+    let attempts = if doubled {
+        [sparse::lowest::<4, 2>, sparse::lowest::<8, 4>]
+    } else {
+        [sparse::lowest::<4, 4>, sparse::lowest::<8, 8>]
+    };
+    for (seed, attempt) in attempts.into_iter().enumerate() {
+        if let Some(values) = attempt(&factoriser, problem, count, seed as u64, hooks)? {
+            return Ok(values);
+        }
+    }
+    if n > DENSE_AT_MOST {
+        return Err(PatchError::NotCertified);
+    }
+    dense_values(problem, count)?.ok_or(PatchError::NotCertified)
 }
 
-impl Part<'_> {
-    fn n(&self) -> usize {
-        self.operator.mass.len()
-    }
+/// Accepted effect of rounding on the values of the dense solver, relative to the lowest: slivers have more.
+const DENSE_ROUNDING: f64 = 1e-8;
 
-    /// At least the first `want` positive eigenvalues, or all there are; and whether they are all.
-    fn values(&self, want: usize, options: &PatchOptions, hooks: &dyn Hooks) -> Result<(Vec<f64>, bool), EigenError> {
-        if hooks.cancelled() {
-            return Err(EigenError::Cancelled);
-        }
-        let stiffness = &self.operator.stiffness;
-        let kernel = if self.kernel == 1 { Some(Kernel::of_components(stiffness)?) } else { None };
-        let problem = Problem::new(stiffness, &self.operator.mass, kernel)?;
-        if self.n() <= options.dense_limit {
-            return Ok((dense_values(&problem)?, true));
-        }
-        let k = (want + self.kernel).min(self.n());
-        let solver = Options { dense_limit: options.dense_limit, ..Options::default() };
-        let pairs = solve(&problem, k, &solver, hooks)?;
-        Ok((pairs.values[self.kernel..].to_vec(), k == self.n()))
+/// The same by complete decompositions; nothing if rounding may be in the values.
+fn dense_values(problem: &Doubled, count: usize) -> Result<Option<Vec<f64>>, PatchError> {
+    let mut values = Vec::new();
+    for (order, zeros) in [(problem.n(), 1), (problem.interior, 0)] {
+        let all = tridiagonal::eigenvalues(&mut problem.dense(order), order, &mut []);
+        values.extend_from_slice(&all.ok_or(PatchError::NotCertified)?[zeros.min(order)..]);
     }
-}
-
-/// The `count` smallest values of the union of the parts.
-fn merged(parts: &[Part<'_>], count: usize, options: &PatchOptions, hooks: &dyn Hooks) -> Result<Vec<f64>, EigenError> {
-    // By Weyl's law each part has about its share of the values; more are computed if that was too few.
-    let mut want = count.div_ceil(parts.len()) + count / 8 + 4 * (parts.len() - 1);
-    loop {
-        let spectra = parts.iter().map(|p| p.values(want, options, hooks)).collect::<Result<Vec<_>, _>>()?;
-        let mut union: Vec<f64> = spectra.iter().flat_map(|s| s.0.iter().copied()).collect();
-        union.sort_by(f64::total_cmp);
-        union.truncate(count);
-        // A part's list must reach the end of the union, or be complete: else it may lack values.
-        let reaches = |values: &[f64]| match (values.last(), union.last()) {
-            (Some(last), Some(end)) => last >= end,
-            _ => false,
-        };
-        if union.len() == count && spectra.iter().all(|(values, all)| *all || reaches(values)) {
-            return Ok(union);
-        }
-        want += want.div_ceil(2);
-    }
+    values.sort_by(f64::total_cmp);
+    values.truncate(count);
+    let rounding = f64::EPSILON * problem.norm();
+    Ok(values.first().is_some_and(|&lowest| rounding <= DENSE_ROUNDING * lowest).then_some(values))
 }
 
 /// Vertices on no edge that has exactly one face, ascending.

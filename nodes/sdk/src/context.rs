@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use serde_json::Value;
 
 use crate::error::NodeError;
+use crate::memo::ItemKey;
 
 /// What the host of a node offers. The engine implements it; tests use [`crate::testing`].
 pub trait Host: Sync {
@@ -25,6 +26,15 @@ pub trait Host: Sync {
     fn borrow_workers(&self, wanted: usize) -> usize;
     /// Gives workers back.
     fn return_workers(&self, count: usize);
+    /// The values that were kept under these keys by nodes of this kind and version with this scope, in order; `None` for those that
+    /// are not known. See [`crate::memo`]. May be fewer than asked for: the rest is not known.
+    fn recall(&self, _scope: &Value, _keys: &[ItemKey]) -> Result<Vec<Option<Vec<u8>>>, NodeError> {
+        Ok(Vec::new())
+    }
+    /// Keeps values for later executions.
+    fn keep(&self, _scope: &Value, _items: Vec<(ItemKey, Vec<u8>)>) -> Result<(), NodeError> {
+        Ok(())
+    }
 }
 
 /// A node's view of its [`Host`].
@@ -38,6 +48,10 @@ impl<'a> Context<'a> {
     #[must_use]
     pub fn new(host: &'a dyn Host) -> Self {
         Self { host }
+    }
+
+    pub(crate) fn host(&self) -> &'a dyn Host {
+        self.host
     }
 
     /// The bytes of the file that the file param `param` names.

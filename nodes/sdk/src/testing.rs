@@ -9,16 +9,18 @@ use serde_json::Value;
 
 use crate::context::{Context, Host};
 use crate::error::NodeError;
+use crate::memo::ItemKey;
 use crate::node::Node;
 use crate::port::PortValues;
 
-/// A host in memory: files are given, progress is dropped, records are kept.
+/// A host in memory: files are given, progress is dropped, records are kept, and so are memos, for one node's tests.
 #[derive(Default)]
 pub struct TestHost {
     files: BTreeMap<(String, Option<String>), Arc<[u8]>>,
     workers: AtomicUsize,
     cancelled: AtomicBool,
     records: Mutex<BTreeMap<String, Value>>,
+    memo: Mutex<BTreeMap<(String, ItemKey), Vec<u8>>>,
     started: Option<Instant>,
 }
 
@@ -89,4 +91,14 @@ impl Host for TestHost {
         self.workers.load(Ordering::Relaxed).min(wanted)
     }
     fn return_workers(&self, _: usize) {}
+    fn recall(&self, scope: &Value, keys: &[ItemKey]) -> Result<Vec<Option<Vec<u8>>>, NodeError> {
+        let memo = self.memo.lock().unwrap_or_else(PoisonError::into_inner);
+        let scope = scope.to_string();
+        Ok(keys.iter().map(|key| memo.get(&(scope.clone(), *key)).cloned()).collect())
+    }
+    fn keep(&self, scope: &Value, items: Vec<(ItemKey, Vec<u8>)>) -> Result<(), NodeError> {
+        let mut memo = self.memo.lock().unwrap_or_else(PoisonError::into_inner);
+        memo.extend(items.into_iter().map(|(key, bytes)| ((scope.to_string(), key), bytes)));
+        Ok(())
+    }
 }

@@ -1,8 +1,9 @@
 //! Patches and their spectra.
 
 use salient_nodes::patch_extract::{self, Kind, Metric};
-use salient_nodes::patch_spectrum::{self, Normalise};
-use salient_sdk::{AnyArtefact, DefectKind};
+use salient_nodes::patch_spectrum::{self, Normalise, PatchSpectrum};
+use salient_sdk::testing::TestHost;
+use salient_sdk::{AnyArtefact, DefectKind, PortValues};
 
 use crate::{basis, creature, defaults, energy, features, maxima, patches, spectra};
 
@@ -108,4 +109,38 @@ fn the_documented_keys_are_there() {
     assert!(first["why"].is_null());
     let (scale, lambda) = (first["scale"].as_f64().unwrap(), first["lambda"].as_f64().unwrap());
     assert!((scale * lambda.sqrt() - 1.0).abs() < 1e-14);
+}
+
+#[test]
+fn more_features_compute_only_the_new_patches() {
+    let mesh = creature(1, 900);
+    let energy = energy(&mesh, &basis(&mesh, 60));
+    let discs = |count| patches(&mesh, &maxima(&mesh, &energy, count), &defaults());
+    let (few, many) = (discs(15), discs(24));
+    // A patch does not depend on the other features.
+    assert_eq!(few.features[..], many.features[..15]);
+    assert!(few.patches[..] == many.patches[..15]);
+    for workers in [0, 3] {
+        let host = TestHost::with_workers(workers);
+        let run = |patches: &std::sync::Arc<patch_extract::Patches>, params: &patch_spectrum::Params| {
+            let mut wired = PortValues::default();
+            wired.push("patches", "", patches.clone());
+            let features = host.run_wired::<PatchSpectrum>(params, wired).unwrap();
+            let figure = |name: &str| host.recorded(name).unwrap().as_u64().unwrap() as usize;
+            (features, figure("patches computed"), figure("patches remembered"))
+        };
+        let first = run(&few, &defaults());
+        assert_eq!((first.1, first.2), (15, 0));
+        let second = run(&many, &defaults());
+        // A patch without a descriptor is not remembered.
+        let known = first.0.descriptors.iter().filter(|d| d.is_ok()).count();
+        assert!(known > 10);
+        assert_eq!((second.1, second.2), (24 - known, known));
+        // `run` of this module remembers nothing: bit for bit the same.
+        assert!(AnyArtefact::to_bytes(&second.0).unwrap() == spectra(&many, &defaults()).to_bytes().unwrap());
+        // The normalisation is no part of a spectrum; the number of values is.
+        let slope = patch_spectrum::Params { normalise: Normalise::Slope, ..defaults() };
+        assert!(run(&many, &slope).2 > known);
+        assert_eq!(run(&many, &patch_spectrum::Params { values: 20, ..defaults() }).2, 0);
+    }
 }

@@ -15,26 +15,14 @@ use faer::{Accum, Mat, MatMut, MatRef, Par, Side, Spec};
 pub(super) fn symmetric_eigen(matrix: MatRef<'_, f64>) -> Result<(Vec<f64>, Mat<f64>), EigenError> {
     let n = matrix.nrows();
     let mut vectors = Mat::zeros(n, n);
-    let values = decompose(matrix, Some(&mut vectors))?;
-    Ok((values, vectors))
-}
-
-/// Eigenvalues alone, ascending.
-pub(super) fn symmetric_eigenvalues(matrix: MatRef<'_, f64>) -> Result<Vec<f64>, EigenError> {
-    decompose(matrix, None)
-}
-
-fn decompose(matrix: MatRef<'_, f64>, vectors: Option<&mut Mat<f64>>) -> Result<Vec<f64>, EigenError> {
-    let n = matrix.nrows();
     let mut values = Diag::zeros(n);
-    let compute = if vectors.is_some() { ComputeEigenvectors::Yes } else { ComputeEigenvectors::No };
-    let scratch = self_adjoint_evd_scratch::<f64>(n, compute, Par::Seq, Spec::default());
+    let scratch = self_adjoint_evd_scratch::<f64>(n, ComputeEigenvectors::Yes, Par::Seq, Spec::default());
     let mut memory = MemBuffer::try_new(scratch).map_err(|_| EigenError::Dense)?;
-    let vectors = vectors.map(Mat::as_mut);
-    self_adjoint_evd(matrix, values.as_mut(), vectors, Par::Seq, MemStack::new(&mut memory), Spec::default())
+    let stack = MemStack::new(&mut memory);
+    self_adjoint_evd(matrix, values.as_mut(), Some(vectors.as_mut()), Par::Seq, stack, Spec::default())
         .map_err(|_| EigenError::Dense)?;
     let values: Vec<f64> = (0..n).map(|i| values.column_vector()[i]).collect();
-    if values.iter().all(|v| v.is_finite()) { Ok(values) } else { Err(EigenError::Dense) }
+    if values.iter().all(|v| v.is_finite()) { Ok((values, vectors)) } else { Err(EigenError::Dense) }
 }
 
 /// A as a dense matrix, its known null space lifted above the rest of the spectrum.

@@ -28,11 +28,6 @@ impl Kernel {
         let (count, labels) = stiffness.components();
         Ok(Self { labels, count })
     }
-
-    /// Its dimension: the number of components.
-    pub(crate) fn count(&self) -> usize {
-        self.count
-    }
 }
 
 pub(crate) struct Problem<'a> {

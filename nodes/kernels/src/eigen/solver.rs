@@ -3,7 +3,7 @@
 use super::basis::{Null, RUN};
 use super::certify::{Columns, UNCERTIFIED};
 use super::cut::place_cut;
-use super::dense::{lifted, orthonormalise, refine, symmetric_eigen, symmetric_eigenvalues};
+use super::dense::{lifted, orthonormalise, refine, symmetric_eigen};
 use super::factor::Factorizer;
 use super::lanczos::expected_blocks;
 use super::panel::WIDTH;
@@ -233,11 +233,4 @@ impl Solver<'_> {
         columns.write(found, &mut vectors[null * n..])?;
         Ok(Eigenpairs { values, vectors, n, certificate })
     }
-}
-
-/// All positive eigenvalues, ascending, by the dense solver.
-pub(crate) fn dense_values(problem: &Problem<'_>) -> Result<Vec<f64>, EigenError> {
-    let mut values = symmetric_eigenvalues(lifted(problem).as_ref())?;
-    values.truncate(problem.n() - problem.nullity());
-    Ok(values.iter().map(|x| x / problem.area).collect())
 }
