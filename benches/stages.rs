@@ -5,7 +5,7 @@ mod shapes;
 use divan::{Bencher, black_box};
 use salient_kernels::assignment::{Control, Limits, Problem, ProblemBuilder, solve};
 use salient_kernels::disc::DiscCutter;
-use salient_kernels::geodesic::{Dijkstra, Graph, Metric};
+use salient_kernels::geodesic::{Dijkstra, Geodesics, Graph, Metric};
 use salient_kernels::patch_spectrum::{PatchOptions, patch_spectrum};
 use salient_kernels::random::Random;
 use salient_kernels::simplify::simplify;
@@ -24,7 +24,7 @@ fn main() {
 fn patch(mesh: &Mesh, size: usize) -> Mesh {
     let area: f64 = shapes::operator(mesh).area();
     let radius = (size as f64 / mesh.vertices.len() as f64 * area / std::f64::consts::PI).sqrt();
-    let graph = Graph::new(&mesh.vertices, &mesh.faces, Metric::Unfolded).expect("a valid mesh");
+    let graph = Graph::unfolded(&mesh.vertices, &mesh.faces).expect("a valid mesh");
     let mut cutter = DiscCutter::new(&mesh.vertices, &mesh.faces).expect("a valid mesh");
     let mut dijkstra = Dijkstra::new();
     let patch = cutter.cut(0, &dijkstra.ball(&graph, &[0], radius), true);
@@ -38,16 +38,16 @@ fn patch_spectrum_21(bencher: Bencher, size: usize) {
     bencher.bench(|| patch_spectrum(black_box(&patch.vertices), &patch.faces, 21, &options, &()).expect("a spectrum"));
 }
 
-#[divan::bench(args = [Metric::Edges, Metric::Unfolded], sample_count = 10)]
-fn geodesic_graph(bencher: Bencher, metric: Metric) {
+#[divan::bench(args = [Metric::Edges, Metric::Unfolded, Metric::Heat, Metric::Exact], sample_count = 10)]
+fn geodesics_prepared(bencher: Bencher, metric: Metric) {
     let mesh = refined("43k");
-    bencher.bench(|| Graph::new(black_box(&mesh.vertices), &mesh.faces, metric));
+    bencher.bench(|| Geodesics::new(black_box(&mesh.vertices), &mesh.faces, metric));
 }
 
 #[divan::bench(args = ["10k", "43k", "173k"], sample_count = 10)]
 fn dijkstra_full(bencher: Bencher, size: &str) {
     let mesh = refined(size);
-    let graph = Graph::new(&mesh.vertices, &mesh.faces, Metric::Edges).expect("a valid mesh");
+    let graph = Graph::edges(&mesh.vertices, &mesh.faces).expect("a valid mesh");
     let mut dijkstra = Dijkstra::new();
     bencher.bench_local(|| dijkstra.distances(black_box(&graph), &[0]));
 }
@@ -56,7 +56,7 @@ fn dijkstra_full(bencher: Bencher, size: &str) {
 #[divan::bench(args = ["10k", "43k", "173k"])]
 fn dijkstra_limited(bencher: Bencher, size: &str) {
     let mesh = refined(size);
-    let graph = Graph::new(&mesh.vertices, &mesh.faces, Metric::Edges).expect("a valid mesh");
+    let graph = Graph::edges(&mesh.vertices, &mesh.faces).expect("a valid mesh");
     let area = shapes::operator(&mesh).area();
     let radius = (400.0 / mesh.vertices.len() as f64 * area / std::f64::consts::PI).sqrt();
     let mut dijkstra = Dijkstra::new();

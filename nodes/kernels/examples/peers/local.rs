@@ -4,7 +4,7 @@ use crate::files;
 use crate::meter::measured;
 use crate::report;
 use salient_kernels::disc::DiscCutter;
-use salient_kernels::geodesic::{Dijkstra, Graph, Metric};
+use salient_kernels::geodesic::{Dijkstra, Graph};
 use salient_kernels::laplacian::{Area, laplacian};
 use salient_kernels::patch_spectrum::{PatchOptions, patch_spectrum};
 use salient_kernels::topology;
@@ -30,7 +30,7 @@ fn radius_of(mesh: &Mesh, size: f64) -> Result<f64> {
 pub fn cut(path: &str, size: f64, count: usize, out: &str) -> Result<()> {
     let mesh = files::read_mesh(path)?;
     let radius = radius_of(&mesh, size)?;
-    let graph = Graph::new(&mesh.vertices, &mesh.faces, Metric::Unfolded)?;
+    let graph = Graph::unfolded(&mesh.vertices, &mesh.faces)?;
     let mut cutter = DiscCutter::new(&mesh.vertices, &mesh.faces)?;
     let mut dijkstra = Dijkstra::new();
     let (mut sizes, mut made) = (Vec::new(), 0);
@@ -102,7 +102,7 @@ pub fn geodesics(path: &str, count: usize, size: f64, out: &str) -> Result<()> {
     let mesh = files::read_mesh(path)?;
     let radius = if size > 0.0 { radius_of(&mesh, size)? } else { f64::INFINITY };
     let n = mesh.vertices.len();
-    let graph = Graph::new(&mesh.vertices, &mesh.faces, Metric::Edges)?;
+    let graph = Graph::edges(&mesh.vertices, &mesh.faces)?;
     let mut dijkstra = Dijkstra::new();
     let (sums, cost) = measured(|| {
         Ok(centres(n, count)
