@@ -81,8 +81,8 @@ fn measure() {
                 );
                 let limits = Limits {
                     node_limit: nodes as u64,
-                    root_sweeps: list("ROOT", "100")[0] as usize,
-                    node_sweeps: list("SWEEPS", "8")[0] as usize,
+                    root_rounds: list("ROOT", "100")[0] as usize,
+                    node_rounds: list("SWEEPS", "8")[0] as usize,
                     ..Limits::default()
                 };
                 let (start, best, at) = (Instant::now(), Cell::new(f64::NEG_INFINITY), Cell::new(0.0));

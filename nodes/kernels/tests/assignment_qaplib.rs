@@ -50,7 +50,7 @@ fn run(root: &Path, name: &str, limits: &Limits) -> (Solution, f64) {
 fn known_optima_are_found_and_never_excluded() {
     let Some(root) = data() else { return };
     for name in ["chr12a", "chr12b", "chr12c", "had12", "nug12", "tai12a", "rou12", "scr12"] {
-        let (s, optimum) = run(&root, name, &Limits { node_limit: 1, root_sweeps: 30, ..Limits::default() });
+        let (s, optimum) = run(&root, name, &Limits { node_limit: 1, root_rounds: 30, ..Limits::default() });
         assert_eq!(-s.objective, optimum, "{name}");
         assert!(-s.upper_bound <= optimum, "{name}");
     }
@@ -72,8 +72,8 @@ fn measure() {
     let chosen = std::env::var("QAPLIB")
         .unwrap_or_else(|_| "chr12a,chr12b,chr12c,had12,nug12,tai12a,rou12,scr12,chr15a,scr15".into());
     let node_limit = std::env::var("NODES").map_or(200_000, |n| n.parse().unwrap());
-    let node_sweeps = std::env::var("SWEEPS").map_or(Limits::default().node_sweeps, |n| n.parse().unwrap());
+    let node_rounds = std::env::var("SWEEPS").map_or(Limits::default().node_rounds, |n| n.parse().unwrap());
     for name in chosen.split(',') {
-        run(&root, name, &Limits { node_limit, node_sweeps, ..Limits::default() });
+        run(&root, name, &Limits { node_limit, node_rounds, ..Limits::default() });
     }
 }

@@ -23,11 +23,19 @@
 //! scores that are integers of moderate size.
 
 mod bound;
+pub mod dd;
 mod lap;
 mod model;
 mod problem;
+pub mod qaplib;
+mod relax;
 mod solve;
+mod sub;
+mod synthetic;
 mod tabu;
+mod text;
 
 pub use problem::{Problem, ProblemBuilder, ProblemError};
 pub use solve::{Control, Limits, Progress, Solution, SolveError, StopReason, solve};
+pub use synthetic::Synthetic;
+pub use text::ReadError;

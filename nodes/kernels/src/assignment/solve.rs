@@ -4,7 +4,8 @@ use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::fmt;
 
-use super::bound::{Ascent, Branch, Outcome, Scratch, Sub};
+use super::bound::{Ascent, Outcome, Scratch};
+use super::sub::{Branch, Sub};
 use super::model::Model;
 use super::problem::Problem;
 use super::tabu::Search;
@@ -14,10 +15,12 @@ use super::tabu::Search;
 pub struct Limits {
     /// Subproblems whose bound may be computed, the root included. 0 leaves the heuristics and the root's first, unimproved bound.
     pub node_limit: u64,
-    /// Sweeps of dual ascent at the root.
-    pub root_sweeps: usize,
-    /// Sweeps of dual ascent at every other node.
-    pub node_sweeps: usize,
+    /// Rounds of the relaxation at the root, of [`Self::iterations`] each.
+    pub root_rounds: usize,
+    /// Rounds of the relaxation at every other node.
+    pub node_rounds: usize,
+    /// Iterations of the relaxation between two evaluations of the bound.
+    pub iterations: usize,
     /// Runs of the tabu search before branching.
     pub starts: usize,
     /// Moves without improvement that end a run.
@@ -33,8 +36,9 @@ impl Default for Limits {
     fn default() -> Self {
         Self {
             node_limit: 1000,
-            root_sweeps: 100,
-            node_sweeps: 8,
+            root_rounds: 30,
+            node_rounds: 4,
+            iterations: 40,
             starts: 10,
             idle_moves: 1000,
             seed: 0,
@@ -255,11 +259,11 @@ impl<'a> Tree<'a> {
         let Some(mut sub) = self.root.take() else {
             return self.best();
         };
-        let sweeps = if self.limits.node_limit == 0 { 0 } else { self.limits.root_sweeps };
-        if sweeps > 0 {
+        let rounds = if self.limits.node_limit == 0 { 0 } else { self.limits.root_rounds };
+        if rounds > 0 {
             self.nodes = 1;
         }
-        let bound = self.ascend(&mut sub, sweeps, 100_000, i64::MAX);
+        let bound = self.ascend(&mut sub, rounds, 100_000, i64::MAX);
         let value = bound.map_or(self.best(), |b| self.floor(b).max(self.best()));
         if let Some(bound) = bound {
             if self.limits.node_limit == 0 {
@@ -297,7 +301,7 @@ impl<'a> Tree<'a> {
             self.release(node.parent);
             let Some(mut sub) = sub else { continue };
             self.nodes += 1;
-            if let Some(bound) = self.ascend(&mut sub, self.limits.node_sweeps, 10, key.0.0) {
+            if let Some(bound) = self.ascend(&mut sub, self.limits.node_rounds, 10, key.0.0) {
                 self.expand(sub, bound);
             }
             self.report();
@@ -322,8 +326,8 @@ impl<'a> Tree<'a> {
     }
 
     /// The bound of a subproblem (at most `known`), unless it is pruned. May find a better assignment.
-    fn ascend(&mut self, sub: &mut Sub, sweeps: usize, patience: i64, known: i64) -> Option<i64> {
-        let how = Ascent { threshold: self.threshold(), sweeps, patience, stop: self.control.stop };
+    fn ascend(&mut self, sub: &mut Sub, rounds: usize, patience: i64, known: i64) -> Option<i64> {
+        let how = Ascent { threshold: self.threshold(), rounds, iterations: self.limits.iterations, patience, stop: self.control.stop };
         let Outcome::Bound(bound) = sub.ascend(&mut self.scratch, &how) else {
             return None;
         };
