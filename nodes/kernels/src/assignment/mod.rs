@@ -23,9 +23,11 @@
 //! scores that are integers of moderate size.
 
 mod bound;
+mod canonical;
 pub mod dd;
 mod lap;
 mod model;
+mod pool;
 mod problem;
 pub mod qaplib;
 mod relax;
@@ -34,8 +36,9 @@ mod sub;
 mod synthetic;
 mod tabu;
 mod text;
+mod tree;
 
 pub use problem::{Problem, ProblemBuilder, ProblemError};
-pub use solve::{Control, Limits, Progress, Solution, SolveError, StopReason, solve};
+pub use solve::{Control, Limits, Progress, Ranked, Solution, SolveError, StopReason, solve};
 pub use synthetic::Synthetic;
 pub use text::ReadError;
