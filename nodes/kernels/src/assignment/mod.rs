@@ -25,6 +25,7 @@
 mod bound;
 mod canonical;
 pub mod dd;
+mod heuristics;
 mod lap;
 mod model;
 mod pool;
@@ -36,9 +37,12 @@ mod sub;
 mod synthetic;
 mod tabu;
 mod text;
+mod timeline;
 mod tree;
 
+pub use heuristics::{Heuristics, Proposal};
 pub use problem::{Problem, ProblemBuilder, ProblemError};
 pub use solve::{Control, Limits, Progress, Ranked, Solution, SolveError, StopReason, solve};
 pub use synthetic::Synthetic;
 pub use text::ReadError;
+pub use timeline::Timeline;

@@ -59,6 +59,8 @@ pub struct Progress {
     pub objective: f64,
     /// Upper bound so far; infinite before the root's.
     pub upper_bound: f64,
+    /// The search has ended with a proof.
+    pub proved: bool,
 }
 
 /// The caller's hooks. The kernel reads no clock: a time limit is a `stop` that reads one, and its results are then not reproducible.
@@ -174,7 +176,7 @@ pub fn solve(problem: &Problem, limits: &Limits, control: &Control) -> Result<So
         }
         let objective = known.get().1;
         let upper_bound = upper.map_or(f64::INFINITY, |u| dual.to_real(u).max(objective));
-        (control.progress)(&Progress { nodes, objective, upper_bound });
+        (control.progress)(&Progress { nodes, objective, upper_bound, proved: upper.is_some_and(|u| u <= best.0) });
     };
     let mut heuristic = Search::new(&primal, limits.seed, limits.solutions);
     // With no run wanted, the greedy assignment is still there.
@@ -184,9 +186,10 @@ pub fn solve(problem: &Problem, limits: &Limits, control: &Control) -> Result<So
     let root_bound = tree.root();
     let heuristic_value = tree.starts();
     let stop = tree.search();
+    tree.tell();
     let (best, set) = tree.heuristic.pool().best().ok_or(SolveError::Infeasible)?;
     let ranked = |set: &[u32]| {
-        let candidates: Vec<usize> = set.iter().map(|&a| canonical.source[a as usize]).collect();
+        let candidates = set.iter().map(|&a| canonical.source[a as usize]).collect();
         Ranked { objective: objective(set), candidates: problem.in_order(candidates) }
     };
     let first = ranked(set);

@@ -44,7 +44,7 @@ impl Synthetic {
             candidates: 6,
             sigma: 0.05,
             floor: 0.1,
-            reach: f64::INFINITY,
+            reach: 0.3,
             shift: 0.0,
             seed,
         }

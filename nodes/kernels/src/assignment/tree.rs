@@ -236,7 +236,8 @@ impl<'a> Tree<'a> {
         self.open.insert(key, node);
     }
 
-    fn tell(&self) {
+    /// Reports the present state.
+    pub fn tell(&self) {
         if let Some(best) = self.heuristic.pool().best() {
             (self.report)(self.nodes, best, Some(self.upper()));
         }
