@@ -5,7 +5,8 @@
 use salient_kernels::assignment::qaplib::{Qap, QapSolution};
 use salient_kernels::assignment::{Control, Limits, Problem, ProblemBuilder, Synthetic, dd, solve};
 
-const SMALL: &str = "c a comment\n\np 2 3 3 2\na 0 0 2 -1.5\na 2 1 0 0.25\na 1 1 1 -1e-1\ni0 0 {1 2 3}\ne 1 0 -2\ne 0 2 0.5\nn0 0 1\n";
+const SMALL: &str =
+    "c a comment\n\np 2 3 3 2\na 0 0 2 -1.5\na 2 1 0 0.25\na 1 1 1 -1e-1\ni0 0 {1 2 3}\ne 1 0 -2\ne 0 2 0.5\nn0 0 1\n";
 
 #[test]
 fn dd_means_minus_cost() {

@@ -119,8 +119,9 @@ fn a_swap_of_left_and_right_changes_nothing() {
         let q = swapped(&p);
         let trace = |p: &Problem| {
             let seen = RefCell::new(Vec::new());
-            let progress =
-                |s: &salient_kernels::assignment::Progress| seen.borrow_mut().push((s.nodes, s.objective, s.upper_bound));
+            let progress = |s: &salient_kernels::assignment::Progress| {
+                seen.borrow_mut().push((s.nodes, s.objective, s.upper_bound))
+            };
             let s = solve(p, &limits, &Control { progress: &progress, ..Control::default() }).unwrap();
             (seen.into_inner(), s)
         };

@@ -140,10 +140,12 @@ impl Sub {
     fn lead(&mut self, s: &mut Scratch, threshold: i64) -> bool {
         s.leader.clear();
         s.leader.extend(self.c.iter().zip(&self.star).map(|(&c, &t)| if c == FORBIDDEN { FORBIDDEN } else { c + t }));
+        s.lap.clear();
         let value = s.lap.solve(&self.start, &self.right, &s.leader, self.n_right, !self.mandatory, usize::MAX);
         let Some(value) = value else { return true };
         self.u.clone_from(&s.lap.u);
-        self.v.clone_from(&s.lap.v);
+        self.v.clear();
+        self.v.extend(&s.lap.v[..self.n_right]);
         self.matching = s.lap.used.iter().copied().filter(|&e| e != u32::MAX).collect();
         self.bound = self.base + value;
         if self.bound <= threshold {

@@ -36,7 +36,9 @@ pub fn read(text: &str) -> Result<Problem, ReadError> {
             ("c" | "i0" | "i1" | "n0" | "n1", _) => {}
             ("p", None) => state = Some(Reader::new(line_number, &fields)?),
             ("p", Some(_)) => return Err(ReadError::new(line_number, "a second `p` line")),
-            (_, None) => return Err(ReadError::new(line_number, "the `p` line must come before all others but comments")),
+            (_, None) => {
+                return Err(ReadError::new(line_number, "the `p` line must come before all others but comments"));
+            }
             ("a", Some(reader)) => reader.assignment(line_number, &fields)?,
             ("e", Some(reader)) => reader.edge(line_number, &fields)?,
             (other, _) => {

@@ -72,7 +72,9 @@ impl<'a> Heuristics<'a> {
             if length == 0.0 {
                 break;
             }
-            y.iter_mut().for_each(|v| *v /= length);
+            for v in &mut y {
+                *v /= length;
+            }
             let change = x.iter().zip(&y).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             x = y;
             if change < 1e-9 {
@@ -93,7 +95,9 @@ impl<'a> Heuristics<'a> {
         if let Some(from) = from {
             x.fill(0.0);
             let set = self.variables(from)?;
-            set.iter().for_each(|&v| x[v as usize] = 1.0);
+            for &v in &set {
+                x[v as usize] = 1.0;
+            }
             best = self.proposal_of(&set);
         }
         for _ in 0..iterations {
@@ -105,7 +109,9 @@ impl<'a> Heuristics<'a> {
                 best = Some(proposal);
             }
             let mut direction: Vec<f64> = x.iter().map(|v| -v).collect();
-            set.iter().for_each(|&v| direction[v as usize] += 1.0);
+            for &v in &set {
+                direction[v as usize] += 1.0;
+            }
             let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
             let (slope, curve) = (dot(&gradient, &direction), dot(&self.product(&direction), &direction));
             if slope <= 1e-12 {

@@ -340,7 +340,8 @@ impl Problem {
         let mut terms = Vec::new();
         for &a in chosen {
             terms.push(self.linear[a]);
-            let later = (self.row[a]..self.row[a + 1]).filter(|&e| used[self.col[e] as usize] && self.col[e] as usize > a);
+            let later =
+                (self.row[a]..self.row[a + 1]).filter(|&e| used[self.col[e] as usize] && self.col[e] as usize > a);
             terms.extend(later.map(|e| self.val[e]));
         }
         for (matched, costs) in [(&left, &self.left_cost), (&right, &self.right_cost)] {

@@ -69,9 +69,12 @@ impl Relax {
         let mut at = vec![(NONE, 0_u32); features];
         let mut size = vec![0_u32; features];
         for a in 0..n {
-            let feature = |e: usize| [sub.left[sub.col[e] as usize], sub.right[sub.col[e] as usize] + sub.n_left() as u32];
+            let feature =
+                |e: usize| [sub.left[sub.col[e] as usize], sub.right[sub.col[e] as usize] + sub.n_left() as u32];
             for e in sub.entries(a).filter(|&e| live(e)) {
-                feature(e).into_iter().for_each(|f| size[f as usize] += 1);
+                for f in feature(e) {
+                    size[f as usize] += 1;
+                }
             }
             for e in sub.entries(a).filter(|&e| live(e)) {
                 let [l, r] = feature(e).map(|f| f as usize);
@@ -89,7 +92,9 @@ impl Relax {
                 }
             }
             for e in sub.entries(a) {
-                feature(e).into_iter().for_each(|f| size[f as usize] = 0);
+                for f in feature(e) {
+                    size[f as usize] = 0;
+                }
             }
         }
         let dummy = owner.len() as u32;
@@ -181,7 +186,9 @@ impl Relax {
             let change = *new - old;
             moved += change * change;
             let bar = *new + change;
-            s.into_iter().for_each(|s| load_q[s] += bar);
+            for s in s {
+                load_q[s] += bar;
+            }
         }
         for (load, &a) in load_q.iter_mut().zip(&self.owner) {
             *load -= self.gain[a as usize];

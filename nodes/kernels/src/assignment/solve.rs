@@ -20,7 +20,7 @@ pub struct Limits {
     pub node_rounds: usize,
     /// Iterations of the relaxation between two evaluations of the bound.
     pub iterations: usize,
-    /// Runs of the tabu search before branching: one before the root's bound, the others after it, if it proves nothing.
+    /// Runs of the tabu search: one before the root's bound, the others among the first nodes. Those left at the node limit are made then.
     pub starts: usize,
     /// Moves without improvement that end a run.
     pub idle_moves: usize,
@@ -41,8 +41,8 @@ impl Default for Limits {
             root_rounds: 30,
             node_rounds: 4,
             iterations: 40,
-            starts: 10,
-            idle_moves: 1000,
+            starts: 30,
+            idle_moves: 300,
             seed: 0,
             solutions: 1,
             memory: 256 << 20,
@@ -126,7 +126,7 @@ pub struct Solution {
     pub upper_bound: f64,
     /// The bound at the root.
     pub root_bound: f64,
-    /// Objective of the heuristics' assignment, before branching.
+    /// Objective before branching: of the first run of the heuristics and what the root's bound led to.
     pub heuristic_objective: f64,
     /// The assignment is optimal, up to [`Self::resolution`].
     pub proved: bool,
@@ -164,10 +164,7 @@ impl Solution {
 pub fn solve(problem: &Problem, limits: &Limits, control: &Control) -> Result<Solution, SolveError> {
     let canonical = Canonical::new(problem);
     let primal = Model::plain(&canonical);
-    let objective = |set: &[u32]| {
-        let candidates: Vec<usize> = set.iter().map(|&a| canonical.source[a as usize]).collect();
-        problem.objective(&candidates).expect("the search keeps its assignments one to one and complete")
-    };
+    let objective = |set: &[u32]| objective(problem, &canonical, set);
     let known = Cell::new((i64::MIN, 0.0));
     let dual = Model::bounding(&canonical);
     let report = |nodes: u64, best: (i64, &[u32]), upper: Option<i64>| {
@@ -184,7 +181,7 @@ pub fn solve(problem: &Problem, limits: &Limits, control: &Control) -> Result<So
     report(0, heuristic.pool().best().ok_or(SolveError::Infeasible)?, None);
     let mut tree = Tree::new(&dual, heuristic, limits, control, &report);
     let root_bound = tree.root();
-    let heuristic_value = tree.starts();
+    let before = tree.heuristic.pool().best().map_or(0.0, |b| objective(b.1));
     let stop = tree.search();
     tree.tell();
     let (best, set) = tree.heuristic.pool().best().ok_or(SolveError::Infeasible)?;
@@ -198,7 +195,7 @@ pub fn solve(problem: &Problem, limits: &Limits, control: &Control) -> Result<So
         pairs: first.candidates.iter().map(|&a| problem.candidates[a]).collect(),
         upper_bound: real(tree.upper()),
         root_bound: real(root_bound),
-        heuristic_objective: objective(&heuristic_value),
+        heuristic_objective: before,
         proved: tree.upper() <= best,
         resolution: dual.resolution(&canonical),
         nodes: tree.nodes,
@@ -209,4 +206,9 @@ pub fn solve(problem: &Problem, limits: &Limits, control: &Control) -> Result<So
         objective: first.objective,
         candidates: first.candidates,
     })
+}
+
+fn objective(problem: &Problem, canonical: &Canonical, set: &[u32]) -> f64 {
+    let candidates: Vec<usize> = set.iter().map(|&a| canonical.source[a as usize]).collect();
+    problem.objective(&candidates).expect("the search keeps its assignments one to one and complete")
 }

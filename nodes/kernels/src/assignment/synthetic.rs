@@ -72,9 +72,8 @@ impl Synthetic {
         let mut builder = ProblemBuilder::new(self.left, self.right);
         let mut candidates = Vec::new();
         for (i, truth) in truth.iter().enumerate() {
-            let mut ranked: Vec<(f64, usize)> = (0..self.right)
-                .map(|j| (random.unit() * if *truth == Some(j) { 0.05 } else { 1.0 }, j))
-                .collect();
+            let mut ranked: Vec<(f64, usize)> =
+                (0..self.right).map(|j| (random.unit() * if *truth == Some(j) { 0.05 } else { 1.0 }, j)).collect();
             ranked.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             ranked.truncate(self.candidates);
             ranked.sort_unstable_by_key(|r| r.1);

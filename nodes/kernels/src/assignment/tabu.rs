@@ -10,6 +10,8 @@ const NONE: u32 = u32::MAX;
 /// An assignment under construction, with the gain of every variable.
 pub(super) struct Search<'a> {
     m: &'a Model,
+    /// First variable of each left.
+    start: Vec<usize>,
     at_left: Vec<u32>,
     at_right: Vec<u32>,
     /// `c_a + sum of h_ab over the chosen b`, for chosen and unchosen `a` alike.
@@ -33,8 +35,12 @@ struct Move {
 
 impl<'a> Search<'a> {
     pub fn new(m: &'a Model, seed: u64, keep: usize) -> Self {
+        let mut start = vec![0; m.n_left + 1];
+        m.left.iter().for_each(|&k| start[k as usize + 1] += 1);
+        (0..m.n_left).for_each(|k| start[k + 1] += start[k]);
         Self {
             m,
+            start,
             at_left: vec![NONE; m.n_left],
             at_right: vec![NONE; m.n_right],
             gain: m.linear.clone(),
@@ -97,13 +103,7 @@ impl<'a> Search<'a> {
     pub fn construct(&mut self) -> bool {
         if self.m.mandatory {
             // Any assignment that serves every left: the best by linear scores.
-            let mut start = vec![0_u32; self.m.n_left + 1];
-            for &k in &self.m.left {
-                start[k as usize + 1] += 1;
-            }
-            for k in 0..self.m.n_left {
-                start[k + 1] += start[k];
-            }
+            let start: Vec<u32> = self.start.iter().map(|&v| v as u32).collect();
             let mut lap = Lap::default();
             if lap.solve(&start, &self.m.right, &self.m.linear, self.m.n_right, false, usize::MAX).is_none() {
                 return false;
@@ -231,8 +231,7 @@ impl<'a> Search<'a> {
 
     fn find(&self, left: u32, right: u32) -> Option<usize> {
         let m = self.m;
-        let from = m.left.partition_point(|&k| k < left);
-        let to = from + m.left[from..].partition_point(|&k| k == left);
+        let (from, to) = (self.start[left as usize], self.start[left as usize + 1]);
         m.right[from..to].binary_search(&right).ok().map(|at| from + at)
     }
 

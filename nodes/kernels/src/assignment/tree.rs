@@ -36,6 +36,8 @@ pub(super) struct Tree<'a> {
     newest: BTreeMap<u64, Key>,
     made: u64,
     pub nodes: u64,
+    /// Runs of tabu search so far.
+    runs: usize,
     /// Nodes when the best assignment was found.
     pub nodes_to_best: u64,
 }
@@ -65,6 +67,7 @@ impl<'a> Tree<'a> {
             newest: BTreeMap::new(),
             made: 0,
             nodes: 0,
+            runs: 1,
             nodes_to_best: 0,
         }
     }
@@ -119,21 +122,22 @@ impl<'a> Tree<'a> {
         value
     }
 
-    /// The runs of tabu search after the first, as long as the root's bound leaves something to find. Returns the assignment before branching.
-    pub fn starts(&mut self) -> Vec<u32> {
-        for round in 1..self.limits.starts {
-            let proved = self.open.keys().next().is_none_or(|k| k.0.0 <= self.threshold());
-            if proved || (self.control.stop)() {
-                break;
+    /// The runs of tabu search after the first: one for every few nodes, since easy problems need none of them. All if `rest`, or where many
+    /// nodes are to be expected.
+    fn starts(&mut self, rest: bool) {
+        let wide = |tree: &Self| tree.upper().saturating_sub(tree.best()) > tree.best().saturating_abs() / 50;
+        while self.runs < self.limits.starts && (rest || wide(self) || self.nodes >= 4 * self.runs as u64) {
+            if self.upper() <= self.threshold() || (self.control.stop)() {
+                return;
             }
             let before = self.best();
-            self.heuristic.run(round, self.limits.idle_moves, self.control.stop);
+            self.heuristic.run(self.runs, self.limits.idle_moves, self.control.stop);
+            self.runs += 1;
             if self.best() > before {
                 self.nodes_to_best = self.nodes;
             }
             self.tell();
         }
-        self.heuristic.pool().best().map(|b| b.1.to_vec()).unwrap_or_default()
     }
 
     pub fn search(&mut self) -> StopReason {
@@ -145,11 +149,16 @@ impl<'a> Tree<'a> {
                 self.open.clear();
                 return StopReason::Proved;
             }
-            if self.nodes >= self.limits.node_limit {
-                return StopReason::NodeLimit;
-            }
             if (self.control.stop)() {
                 return StopReason::Stopped;
+            }
+            let ends = self.nodes >= self.limits.node_limit;
+            self.starts(ends);
+            if ends && first.0.0 > self.threshold() {
+                return StopReason::NodeLimit;
+            }
+            if first.0.0 <= self.threshold() {
+                continue;
             }
             let deepest = (self.bytes > self.limits.memory).then(|| self.newest.values().next_back().copied());
             let key = deepest.flatten().unwrap_or(first);
@@ -202,7 +211,8 @@ impl<'a> Tree<'a> {
         let set: Vec<u32> = chosen.map(|a| a as u32).collect();
         let eager = self.nodes < EAGER || self.nodes.is_multiple_of(8);
         let before = self.best();
-        self.heuristic.polish(&set, if eager { self.dual.n_left } else { 0 });
+        let moves = if self.nodes <= 1 { 4 * self.dual.n_left } else { self.dual.n_left };
+        self.heuristic.polish(&set, if eager { moves } else { 0 });
         if self.best() > before {
             self.nodes_to_best = self.nodes;
         }
