@@ -200,6 +200,46 @@ fn complete_assignments_equal_enumeration() {
 }
 
 #[test]
+fn the_best_distinct_assignments_equal_enumeration() {
+    let mut r = Random(8);
+    for case in 0..400 {
+        let plain = Plain::random(&mut r, 4, case % 3 == 0);
+        let p = plain.plain_problem();
+        let mut all = Vec::new();
+        subsets(&p, 0, &mut Vec::new(), &mut all);
+        all.sort_by(|x, y| y.total_cmp(x));
+        if all.is_empty() {
+            continue;
+        }
+        for solutions in [1, 2, 5, 1000] {
+            let s = solve(&p, &Limits { solutions, ..weak(u64::MAX) }, &Control::default()).unwrap();
+            assert_eq!((s.stop, s.ranked.len()), (StopReason::Proved, all.len().min(solutions)), "case {case}");
+            assert_eq!((&s.ranked[0].candidates, s.ranked[0].objective), (&s.candidates, s.objective));
+            for (k, (found, expected)) in s.ranked.iter().zip(&all).enumerate() {
+                assert_eq!(p.objective(&found.candidates), Some(found.objective));
+                let distinct = s.ranked[..k].iter().all(|other| other.candidates != found.candidates);
+                // Closer than the resolution, two may come in either order.
+                let close = (found.objective - expected).abs() <= s.resolution;
+                assert!(distinct && close, "case {case} {k}: {} {expected}", found.objective);
+            }
+        }
+    }
+}
+
+/// The objectives of all assignments.
+fn subsets(p: &Problem, from: usize, chosen: &mut Vec<usize>, all: &mut Vec<f64>) {
+    all.extend(p.objective(chosen));
+    for a in from..p.candidates().len() {
+        let (i, j) = p.candidates()[a];
+        if chosen.iter().all(|&b| p.candidates()[b].0 != i && p.candidates()[b].1 != j) {
+            chosen.push(a);
+            subsets(p, a + 1, chosen, all);
+            chosen.pop();
+        }
+    }
+}
+
+#[test]
 fn order_and_relabelling_do_not_change_the_optimum() {
     let mut r = Random(3);
     for _ in 0..200 {

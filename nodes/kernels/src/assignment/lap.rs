@@ -35,12 +35,8 @@ impl Lap {
     ) -> Option<i64> {
         let n = start.len() - 1;
         refill(&mut self.u, n, 0);
-        refill(&mut self.v, n_right, 0);
         refill(&mut self.used, n, NONE);
-        refill(&mut self.owner, n_right, NONE);
-        refill(&mut self.dist, n_right, i64::MAX);
-        refill(&mut self.via, n_right, NONE);
-        self.free.clear();
+        self.reset(right, n_right);
         for k in (0..n).filter(|&k| k != skip) {
             let mut best = if optional { 0 } else { FORBIDDEN };
             let mut at = NONE;
@@ -69,7 +65,28 @@ impl Lap {
                 return None;
             }
         }
-        Some(self.u.iter().sum::<i64>() + self.v.iter().sum::<i64>())
+        // Only matched rights have a dual above 0.
+        let matched = self.used.iter().filter(|&&e| e != NONE).map(|&e| self.v[right[e as usize] as usize]);
+        Some(self.u.iter().sum::<i64>() + matched.sum::<i64>())
+    }
+
+    /// Of the rights only those that occur: most problems are small parts of a larger one. The duals of others are left as they were.
+    fn reset(&mut self, right: &[u32], n_right: usize) {
+        if self.v.len() < n_right {
+            self.v.resize(n_right, 0);
+            self.owner.resize(n_right, NONE);
+            self.dist.resize(n_right, i64::MAX);
+            self.via.resize(n_right, NONE);
+        }
+        for &r in right {
+            (self.v[r as usize], self.owner[r as usize]) = (0, NONE);
+        }
+        self.free.clear();
+    }
+
+    /// Forgets all duals.
+    pub fn clear(&mut self) {
+        self.v.fill(0);
     }
 
     /// Dijkstra over reduced costs from left `root` to a free right, or to a left that had better stay unmatched.

@@ -1,15 +1,15 @@
 //! The problem in integers: scaled by a power of two, rounded up, costs of unmatched features folded into the candidates.
 
-use super::problem::Problem;
+use super::canonical::Canonical;
 
-/// Candidates are *variables* here, in the order of (left, right); the left side is the one that must be matched, if one must.
-/// With `nulls`, the last part of each left's variables is its own "unmatched" variable, on a right feature of its own.
+/// Candidates are *variables* here, in canonical order. If one side must be matched, it is the left one.
+/// With null variables, each left's last one stands for "unmatched", on a right feature of its own.
 pub(super) struct Model {
     pub n_left: usize,
     pub n_right: usize,
     pub left: Vec<u32>,
     pub right: Vec<u32>,
-    /// Index of the candidate in the problem, `None` for a null variable.
+    /// Index of the candidate in the canonical form, `None` for a null variable.
     pub source: Vec<Option<usize>>,
     pub linear: Vec<i64>,
     pub row: Vec<usize>,
@@ -28,84 +28,146 @@ pub(super) struct Model {
     exponent: i32,
 }
 
-/// Above this many entries (16 bytes each) zeros are not stored: the bound is then weaker for negative scores, and still valid.
-const DENSE_ENTRIES: usize = 3_000_000;
+/// Above this many entries (16 bytes each) no zeros are stored: the bound is then weaker for negative scores, and still valid.
+const MOST_ENTRIES: usize = 3_000_000;
 
 impl Model {
-    /// `Self` for the heuristics has no nulls; `bounding` adds what the dual bound profits from.
-    pub fn new(p: &Problem, bounding: bool) -> Self {
-        let flip = p.must_match_all && p.n_left > p.n_right;
-        let (n_left, n_right) = if flip { (p.n_right, p.n_left) } else { (p.n_left, p.n_right) };
-        let negative = p.val.iter().any(|&h| h < 0.0);
-        let nulls = bounding && negative && !p.must_match_all;
-        let size = p.candidates.len() + if nulls { n_left } else { 0 };
-        let dense = bounding && (negative || p.must_match_all) && size.saturating_mul(size) <= DENSE_ENTRIES;
-        let nulls = nulls && dense;
-        let grid = Grid::new(p, n_left);
-        let mut order: Vec<(u32, u32, Option<usize>)> = p
-            .candidates
-            .iter()
-            .enumerate()
-            .map(|(a, &(i, j))| if flip { (j as u32, i as u32, Some(a)) } else { (i as u32, j as u32, Some(a)) })
-            .collect();
-        if nulls {
-            order.extend((0..n_left).map(|i| (i as u32, (n_right + i) as u32, None)));
-        }
-        order.sort_unstable_by_key(|v| (v.0, v.1));
-        let linear = order.iter().map(|v| v.2.map_or(0, |a| grid.candidate(p, a))).collect();
+    /// What the heuristics work on: variables are candidates, scores are as given.
+    pub fn plain(p: &Canonical) -> Self {
+        let grid = Grid::new(p);
+        let candidate = |a: usize| {
+            // A chosen candidate also saves the costs of its two features.
+            let (i, j) = p.candidates[a];
+            grid.up(p.linear[a]) + grid.up(p.cost[0][i as usize]) + grid.up(p.cost[1][j as usize])
+        };
         let mut model = Self {
-            n_left,
-            n_right: n_right + if nulls { n_left } else { 0 },
-            left: order.iter().map(|v| v.0).collect(),
-            right: order.iter().map(|v| v.1).collect(),
-            source: order.iter().map(|v| v.2).collect(),
-            linear,
-            row: vec![0],
-            col: Vec::new(),
-            val: Vec::new(),
-            constant: -p.left_cost.iter().chain(&p.right_cost).map(|&c| grid.down(c)).sum::<i64>(),
-            mandatory: p.must_match_all || nulls,
-            dense,
+            n_left: p.n[0],
+            n_right: p.n[1],
+            left: p.candidates.iter().map(|c| c.0).collect(),
+            right: p.candidates.iter().map(|c| c.1).collect(),
+            source: (0..p.candidates.len()).map(Some).collect(),
+            linear: (0..p.candidates.len()).map(candidate).collect(),
+            row: p.row.clone(),
+            col: p.col.clone(),
+            val: p.val.iter().map(|&h| grid.up(h)).collect(),
+            constant: -p.cost.iter().flatten().map(|&c| grid.down(c)).sum::<i64>(),
+            mandatory: p.must_match_all,
+            dense: false,
             step: 1,
             limit: grid.limit,
             exponent: grid.exponent,
         };
-        model.fill_pairs(p, &grid);
         let common = model.linear.iter().chain(&model.val).fold(0, |g, &v| gcd(g, v.unsigned_abs()));
         model.step = (common as i64).max(1);
         model
     }
 
-    fn fill_pairs(&mut self, p: &Problem, grid: &Grid) {
-        let mut variable = vec![0_u32; p.candidates.len()];
-        for (v, a) in self.source.iter().enumerate() {
-            if let Some(a) = *a {
-                variable[a] = v as u32;
+    /// What the bound works on: the same problem, stated so that the relaxation is tighter.
+    pub fn bounding(p: &Canonical) -> Self {
+        let plain = Self::plain(p);
+        let size = plain.left.len();
+        if plain.mandatory {
+            let fits = size.saturating_mul(size) <= MOST_ENTRIES;
+            return if fits { plain.densified() } else { plain };
+        }
+        if plain.val.iter().all(|&h| h >= 0) {
+            return plain;
+        }
+        let lifted = plain.lifted();
+        if lifted.col.len() <= MOST_ENTRIES { lifted } else { plain }
+    }
+
+    /// With an entry, perhaps 0, for every two compatible variables.
+    fn densified(self) -> Self {
+        let (mut row, mut col, mut val) = (vec![0], Vec::new(), Vec::new());
+        for a in 0..self.left.len() {
+            let mut at = self.row[a];
+            for b in 0..self.left.len() {
+                if self.left[b] == self.left[a] || self.right[b] == self.right[a] {
+                    continue;
+                }
+                let given = at < self.row[a + 1] && self.col[at] as usize == b;
+                col.push(b as u32);
+                val.push(if given { self.val[at] } else { 0 });
+                at += usize::from(given);
+            }
+            row.push(col.len());
+        }
+        Self { row, col, val, dense: true, ..self }
+    }
+
+    /// Without negative pair terms. A relaxation with `y_ab >= 0` alone would ignore them. Let `z_k` be 1 if left `k` is unmatched. Then
+    ///
+    /// ```text
+    /// x_a = sum_{b of k} x_a x_b + x_a z_k
+    /// ```
+    ///
+    /// so that `s` can be added to every pair term of `a` with the candidates of `k`, and to that of `a` and `z_k`, if it is subtracted
+    /// from `c_a`. With `s` = the most negative `h_ab`, from both ends, no term is negative any more.
+    fn lifted(&self) -> Self {
+        let (n, n_left) = (self.left.len(), self.n_left);
+        let mut order: Vec<usize> = (0..n + n_left).collect();
+        let left = |v: usize| if v < n { self.left[v] as usize } else { v - n };
+        order.sort_by_key(|&v| (left(v), v));
+        let mut place = vec![0_u32; n + n_left];
+        order.iter().enumerate().for_each(|(at, &v)| place[v] = at as u32);
+        let mut first = vec![0; n_left + 1];
+        self.left.iter().for_each(|&k| first[k as usize + 1] += 1);
+        (0..n_left).for_each(|k| first[k + 1] += first[k]);
+        let mut linear: Vec<i64> = order.iter().map(|&v| if v < n { self.linear[v] } else { 0 }).collect();
+        // (row, column, addend), both directions.
+        let mut terms: Vec<(u32, u32, i64)> = Vec::new();
+        let mut lift = vec![0_i64; n_left];
+        for a in 0..n {
+            let entries = self.row[a]..self.row[a + 1];
+            terms.extend(entries.clone().map(|e| (place[a], place[self.col[e] as usize], self.val[e])));
+            entries.clone().for_each(|e| {
+                let k = self.left[self.col[e] as usize] as usize;
+                lift[k] = lift[k].max(-self.val[e]);
+            });
+            for k in entries.map(|e| self.left[self.col[e] as usize] as usize) {
+                let s = std::mem::take(&mut lift[k]);
+                if s == 0 {
+                    continue;
+                }
+                linear[place[a] as usize] -= s;
+                let compatible = (first[k]..first[k + 1]).filter(|&b| self.right[b] != self.right[a]);
+                for b in compatible.chain([n + k]) {
+                    terms.extend([(place[a], place[b], s), (place[b], place[a], s)]);
+                }
             }
         }
-        let mut own: Vec<(u32, i64)> = Vec::new();
-        for v in 0..self.left.len() {
-            own.clear();
-            if let Some(a) = self.source[v] {
-                own.extend((p.row[a]..p.row[a + 1]).map(|e| (variable[p.col[e] as usize], grid.up(p.val[e]))));
-                own.sort_unstable();
+        terms.sort_unstable();
+        let (mut row, mut col, mut val): (Vec<usize>, Vec<u32>, Vec<i64>) = (vec![0; order.len() + 1], vec![], vec![]);
+        let mut last = None;
+        for (a, b, h) in terms {
+            if last == Some((a, b)) {
+                *val.last_mut().expect("a term came before") += h;
+                continue;
             }
-            if self.dense {
-                let mut at = 0;
-                for b in 0..self.left.len() {
-                    if self.left[b] == self.left[v] || self.right[b] == self.right[v] {
-                        continue;
-                    }
-                    let given = own.get(at).filter(|e| e.0 as usize == b);
-                    at += usize::from(given.is_some());
-                    self.col.push(b as u32);
-                    self.val.push(given.map_or(0, |e| e.1));
-                }
-            } else {
-                self.col.extend(own.iter().map(|e| e.0));
-                self.val.extend(own.iter().map(|e| e.1));
-            }
-            self.row.push(self.col.len());
+            last = Some((a, b));
+            row[a as usize + 1] += 1;
+            col.push(b);
+            val.push(h);
+        }
+        (0..order.len()).for_each(|a| row[a + 1] += row[a]);
+        let right = |v: usize| if v < n { self.right[v] } else { (self.n_right + v - n) as u32 };
+        Self {
+            n_right: self.n_right + n_left,
+            left: order.iter().map(|&v| left(v) as u32).collect(),
+            right: order.iter().map(|&v| right(v)).collect(),
+            source: order.iter().map(|&v| (v < n).then_some(v)).collect(),
+            linear,
+            row,
+            col,
+            val,
+            mandatory: true,
+            constant: self.constant,
+            dense: false,
+            step: self.step,
+            limit: self.limit,
+            exponent: self.exponent,
+            n_left,
         }
     }
 
@@ -128,14 +190,13 @@ impl Model {
     }
 
     /// By how much at most the integer objective of an assignment exceeds its real one; 0 if scaling rounded nothing.
-    pub fn resolution(&self, p: &Problem) -> f64 {
-        let n = p.n_left.min(p.n_right) as f64;
+    pub fn resolution(&self, p: &Canonical) -> f64 {
+        let n = p.n[0] as f64;
         let exact = |v: &f64| scale(*v, self.exponent).fract() == 0.0;
-        let all = p.linear.iter().chain(&p.val).chain(&p.left_cost).chain(&p.right_cost);
-        if all.into_iter().all(exact) {
+        if p.linear.iter().chain(&p.val).chain(p.cost.iter().flatten()).all(exact) {
             return 0.0;
         }
-        unscale(n * (n - 1.0) / 2.0 + n + (p.n_left + p.n_right) as f64, self.exponent)
+        unscale(n * (n - 1.0) / 2.0 + n + (p.n[0] + p.n[1]) as f64, self.exponent)
     }
 }
 
@@ -146,20 +207,21 @@ struct Grid {
 }
 
 impl Grid {
-    fn new(p: &Problem, n_left: usize) -> Self {
+    fn new(p: &Canonical) -> Self {
         // No objective exceeds, in magnitude, the sum over lefts of the best |c| + star of |h|, plus all the costs.
-        let mut best = vec![0.0_f64; p.n_left];
-        let mut group = vec![0.0_f64; p.n_left];
+        let mut best = vec![0.0_f64; p.n[0]];
+        let mut group = vec![0.0_f64; p.n[0]];
         for (a, &(i, _)) in p.candidates.iter().enumerate() {
             let range = p.row[a]..p.row[a + 1];
-            let lefts = || p.col[range.clone()].iter().map(|&b| p.candidates[b as usize].0);
+            let lefts = || p.col[range.clone()].iter().map(|&b| p.candidates[b as usize].0 as usize);
             lefts().zip(&p.val[range.clone()]).for_each(|(k, h)| group[k] = group[k].max(h.abs()));
             let mut star = p.linear[a].abs();
             lefts().for_each(|k| star += std::mem::take(&mut group[k]));
-            best[i] = best[i].max(star);
+            let best = &mut best[i as usize];
+            *best = best.max(star);
         }
-        let total = best.iter().chain(&p.left_cost).chain(&p.right_cost).map(|v| v.abs()).sum::<f64>();
-        let limit = (1_i64 << 60) / (n_left.max(p.n_left).max(p.n_right) as i64 + 4);
+        let total = best.iter().chain(p.cost.iter().flatten()).map(|v| v.abs()).sum::<f64>();
+        let limit = (1_i64 << 60) / (p.n[1] as i64 + 4);
         let room = (limit >> 6) as f64;
         let exponent =
             if total > 0.0 { (room.log2() - total.log2()).floor().clamp(-2000.0, 2000.0) as i32 - 1 } else { 0 };
@@ -174,12 +236,6 @@ impl Grid {
 
     fn down(&self, x: f64) -> i64 {
         -self.up(-x)
-    }
-
-    /// A chosen candidate also saves the costs of its two features.
-    fn candidate(&self, p: &Problem, a: usize) -> i64 {
-        let (i, j) = p.candidates[a];
-        self.up(p.linear[a]) + self.up(p.left_cost[i]) + self.up(p.right_cost[j])
     }
 }
 

@@ -315,7 +315,13 @@ impl Problem {
         &self.candidates
     }
 
-    /// The objective of a set of candidates, summed with compensation (error about one unit in the last place).
+    /// Candidate indices by (left, right).
+    pub(super) fn in_order(&self, mut candidates: Vec<usize>) -> Vec<usize> {
+        candidates.sort_unstable_by_key(|&a| self.candidates[a]);
+        candidates
+    }
+
+    /// The objective of a set of candidates: the exact sum of its terms, rounded once, so that the order of terms makes no difference.
     /// `None` if an index is out of range, two of them share a feature, or [`ProblemBuilder::must_match_all`] is violated.
     #[must_use]
     pub fn objective(&self, chosen: &[usize]) -> Option<f64> {
@@ -331,41 +337,97 @@ impl Problem {
         if self.must_match_all && chosen.len() < self.n_left.min(self.n_right) {
             return None;
         }
-        let mut order = chosen.to_vec();
-        order.sort_unstable_by_key(|&a| self.candidates[a]);
-        let mut sum = Compensated::default();
-        for &a in &order {
-            sum.add(self.linear[a]);
-            for e in self.row[a]..self.row[a + 1] {
-                let b = self.col[e] as usize;
-                if used[b] && self.candidates[a] < self.candidates[b] {
-                    sum.add(self.val[e]);
-                }
-            }
+        let mut terms = Vec::new();
+        for &a in chosen {
+            terms.push(self.linear[a]);
+            let later =
+                (self.row[a]..self.row[a + 1]).filter(|&e| used[self.col[e] as usize] && self.col[e] as usize > a);
+            terms.extend(later.map(|e| self.val[e]));
         }
         for (matched, costs) in [(&left, &self.left_cost), (&right, &self.right_cost)] {
-            matched.iter().zip(costs).filter(|(m, _)| !**m).for_each(|(_, &cost)| sum.add(-cost));
+            terms.extend(matched.iter().zip(costs).filter(|(m, _)| !**m).map(|(_, &cost)| -cost));
         }
-        Some(sum.value())
+        Some(exact_sum(&terms))
     }
 }
 
-/// Neumaier's compensated sum.
-#[derive(Default)]
-struct Compensated {
-    sum: f64,
-    lost: f64,
+/// The sum rounded once to nearest, ties to even (Shewchuk 1997: a list of partial sums that do not overlap).
+fn exact_sum(terms: &[f64]) -> f64 {
+    let mut parts: Vec<f64> = Vec::new();
+    for &term in terms {
+        let mut x = term;
+        let mut kept = 0;
+        for at in 0..parts.len() {
+            let y = parts[at];
+            let sum = x + y;
+            let bigger = if x.abs() >= y.abs() { (x, y) } else { (y, x) };
+            let lost = bigger.1 - (sum - bigger.0);
+            if lost != 0.0 {
+                parts[kept] = lost;
+                kept += 1;
+            }
+            x = sum;
+        }
+        parts.truncate(kept);
+        parts.push(x);
+    }
+    round_parts(&parts)
 }
 
-impl Compensated {
-    fn add(&mut self, x: f64) {
-        let t = self.sum + x;
-        self.lost += if self.sum.abs() >= x.abs() { (self.sum - t) + x } else { (x - t) + self.sum };
-        self.sum = t;
+/// Parts ascend in magnitude; only the first that do not vanish beside the rest decide the rounding.
+fn round_parts(parts: &[f64]) -> f64 {
+    let mut rest = parts.iter().rev();
+    let Some(&first) = rest.next() else { return 0.0 };
+    let mut high = first;
+    let mut low = 0.0;
+    for &part in rest.by_ref() {
+        let sum = high + part;
+        low = part - (sum - high);
+        high = sum;
+        if low != 0.0 {
+            break;
+        }
     }
+    // Halfway between two numbers: what follows decides.
+    if let Some(&next) = rest.next()
+        && (low < 0.0 && next < 0.0 || low > 0.0 && next > 0.0)
+    {
+        let twice = 2.0 * low;
+        let moved = high + twice;
+        if moved - high == twice {
+            high = moved;
+        }
+    }
+    // Adding zero makes a negative zero positive.
+    high + 0.0
+}
 
-    fn value(&self) -> f64 {
-        // Adding zero makes a negative zero positive.
-        self.sum + self.lost + 0.0
+#[cfg(test)]
+mod tests {
+    use super::exact_sum;
+    use crate::random::Random;
+
+    #[test]
+    fn sums_are_rounded_once_in_any_order() {
+        assert_eq!(exact_sum(&[1e100, 1.0, -1e100]), 1.0);
+        assert_eq!(exact_sum(&[1.0, 2.0_f64.powi(-53), 2.0_f64.powi(-120)]), 1.0 + f64::EPSILON);
+        assert_eq!(exact_sum(&[1.0, 2.0_f64.powi(-53), -2.0_f64.powi(-120)]), 1.0);
+        assert_eq!(exact_sum(&[]).to_bits(), 0);
+        let mut random = Random::from_state(1);
+        for _ in 0..2000 {
+            // Integers times powers of two, so that the sum is exact in i128.
+            let scaled: Vec<i128> = (0..20)
+                .map(|_| i128::from(random.bits() >> 11) << random.below(40))
+                .enumerate()
+                .map(|(k, v)| if k % 2 == 0 { v } else { -v })
+                .collect();
+            let terms: Vec<f64> = scaled.iter().map(|&v| v as f64).collect();
+            let sum: i128 = scaled.iter().sum();
+            // The cast of an integer rounds to nearest.
+            assert_eq!(exact_sum(&terms), sum as f64);
+            let mut reversed = terms;
+            reversed.reverse();
+            assert_eq!(exact_sum(&reversed), sum as f64);
+        }
     }
 }

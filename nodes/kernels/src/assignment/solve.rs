@@ -1,29 +1,34 @@
-//! Branch and bound, best bound first, over the dual bound of [`super::bound`].
+//! The solver's entry: heuristics, then branch and bound; what may be asked of it and what it returns.
 
-use std::cmp::Reverse;
-use std::collections::BTreeMap;
+use std::cell::Cell;
 use std::fmt;
 
-use super::bound::{Ascent, Branch, Outcome, Scratch, Sub};
+use super::canonical::Canonical;
 use super::model::Model;
 use super::problem::Problem;
 use super::tabu::Search;
+use super::tree::Tree;
 
 /// How much work [`solve`] may do. Equal limits give bit-identical results.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Limits {
     /// Subproblems whose bound may be computed, the root included. 0 leaves the heuristics and the root's first, unimproved bound.
     pub node_limit: u64,
-    /// Sweeps of dual ascent at the root.
-    pub root_sweeps: usize,
-    /// Sweeps of dual ascent at every other node.
-    pub node_sweeps: usize,
-    /// Runs of the tabu search before branching.
+    /// Rounds of the relaxation at the root, of [`Self::iterations`] each.
+    pub root_rounds: usize,
+    /// Rounds of the relaxation at every other node.
+    pub node_rounds: usize,
+    /// Iterations of the relaxation between two evaluations of the bound.
+    pub iterations: usize,
+    /// Runs of the tabu search: one before the root's bound, the others among the first nodes. Those left at the node limit are made then.
     pub starts: usize,
     /// Moves without improvement that end a run.
     pub idle_moves: usize,
     /// Seed of the tabu search.
     pub seed: u64,
+    /// How many best distinct assignments are wanted (1 or more). The search ends when all of them are proved: nothing outside of
+    /// [`Solution::ranked`] is better than its last.
+    pub solutions: usize,
     /// Bytes of open subproblems above which the search goes depth first until it is below again (by then it may exceed this by
     /// one subproblem per level). Does not bound the problem itself.
     pub memory: usize,
@@ -33,32 +38,36 @@ impl Default for Limits {
     fn default() -> Self {
         Self {
             node_limit: 1000,
-            root_sweeps: 100,
-            node_sweeps: 8,
-            starts: 10,
-            idle_moves: 1000,
+            root_rounds: 30,
+            node_rounds: 4,
+            iterations: 40,
+            starts: 30,
+            idle_moves: 300,
             seed: 0,
+            solutions: 1,
             memory: 256 << 20,
         }
     }
 }
 
-/// State of the search, after each node.
+/// State of the search: after each run of the heuristics and after each node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Progress {
     /// Nodes so far.
     pub nodes: u64,
     /// Objective of the best assignment so far.
     pub objective: f64,
-    /// Upper bound so far.
+    /// Upper bound so far; infinite before the root's.
     pub upper_bound: f64,
+    /// The search has ended with a proof.
+    pub proved: bool,
 }
 
 /// The caller's hooks. The kernel reads no clock: a time limit is a `stop` that reads one, and its results are then not reproducible.
 pub struct Control<'a> {
     /// Asked often (per sweep, and every few moves); on `true` the search ends with the best found and its valid bound.
     pub stop: &'a dyn Fn() -> bool,
-    /// Called after each node.
+    /// Called after each run of the heuristics and after each node.
     pub progress: &'a dyn Fn(&Progress),
 }
 
@@ -95,6 +104,15 @@ impl fmt::Display for SolveError {
 
 impl std::error::Error for SolveError {}
 
+/// One of the best assignments.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ranked {
+    /// Candidate indices, by (left, right).
+    pub candidates: Vec<usize>,
+    /// [`Problem::objective`] of these candidates.
+    pub objective: f64,
+}
+
 /// The best assignment found, and what is proved about it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution {
@@ -108,7 +126,7 @@ pub struct Solution {
     pub upper_bound: f64,
     /// The bound at the root.
     pub root_bound: f64,
-    /// Objective of the heuristics' assignment, before branching.
+    /// Objective before branching: of the first run of the heuristics and what the root's bound led to.
     pub heuristic_objective: f64,
     /// The assignment is optimal, up to [`Self::resolution`].
     pub proved: bool,
@@ -116,6 +134,13 @@ pub struct Solution {
     pub resolution: f64,
     /// Subproblems whose bound was computed.
     pub nodes: u64,
+    /// Of these, how many had been when the best assignment was found; 0 if the heuristics found it.
+    pub nodes_to_best: u64,
+    /// The best distinct assignments found, best first, at most [`Limits::solutions`]; the first is the one above. If the search ended with
+    /// [`StopReason::Proved`], no other assignment is better than the last of them (up to [`Self::resolution`]).
+    pub ranked: Vec<Ranked>,
+    /// The same call gives the same result: false if [`Control::stop`] ended the search.
+    pub reproducible: bool,
     /// What ended the search.
     pub stop: StopReason,
 }
@@ -134,235 +159,56 @@ impl Solution {
     }
 }
 
-/// Maximises the problem's objective. The order in which candidates and pairs were added makes no difference to the pairs found, as long as
-/// scores are summed alike: variables are ordered by (left, right), and among equal objectives the first found is kept.
+/// Maximises the problem's objective. The order in which candidates and pairs were added makes no difference, nor does a swap of left and right,
+/// as both are brought into one form first; among equal objectives the first found is kept.
 pub fn solve(problem: &Problem, limits: &Limits, control: &Control) -> Result<Solution, SolveError> {
-    let primal = Model::new(problem, false);
-    let mut heuristic = Search::new(&primal, limits.seed);
-    heuristic.run(limits.starts, limits.idle_moves, control.stop);
-    let (_, set) = heuristic.best().ok_or(SolveError::Infeasible)?;
-    let heuristic_objective = objective(problem, &primal, set);
-    let dual = Model::new(problem, true);
-    let mut tree = Tree::new(problem, &primal, &dual, heuristic, limits, control);
+    let canonical = Canonical::new(problem);
+    let primal = Model::plain(&canonical);
+    let objective = |set: &[u32]| objective(problem, &canonical, set);
+    let known = Cell::new((i64::MIN, 0.0));
+    let dual = Model::bounding(&canonical);
+    let report = |nodes: u64, best: (i64, &[u32]), upper: Option<i64>| {
+        if known.get().0 != best.0 {
+            known.set((best.0, objective(best.1)));
+        }
+        let objective = known.get().1;
+        let upper_bound = upper.map_or(f64::INFINITY, |u| dual.to_real(u).max(objective));
+        (control.progress)(&Progress { nodes, objective, upper_bound, proved: upper.is_some_and(|u| u <= best.0) });
+    };
+    let mut heuristic = Search::new(&primal, limits.seed, limits.solutions);
+    // With no run wanted, the greedy assignment is still there.
+    heuristic.run(0, if limits.starts == 0 { 0 } else { limits.idle_moves }, control.stop);
+    report(0, heuristic.pool().best().ok_or(SolveError::Infeasible)?, None);
+    let mut tree = Tree::new(&dual, heuristic, limits, control, &report);
     let root_bound = tree.root();
+    let before = tree.heuristic.pool().best().map_or(0.0, |b| objective(b.1));
     let stop = tree.search();
-    let (best, set) = tree.heuristic.best().ok_or(SolveError::Infeasible)?;
-    let mut candidates: Vec<usize> = set.iter().filter_map(|&a| primal.source[a as usize]).collect();
-    candidates.sort_unstable_by_key(|&a| problem.candidates[a]);
-    let objective = objective(problem, &primal, set);
-    let upper = tree.upper();
-    let real = |bound: i64| dual.to_real(bound).max(objective);
+    tree.tell();
+    let (best, set) = tree.heuristic.pool().best().ok_or(SolveError::Infeasible)?;
+    let ranked = |set: &[u32]| {
+        let candidates = set.iter().map(|&a| canonical.source[a as usize]).collect();
+        Ranked { objective: objective(set), candidates: problem.in_order(candidates) }
+    };
+    let first = ranked(set);
+    let real = |bound: i64| dual.to_real(bound).max(first.objective);
     Ok(Solution {
-        pairs: candidates.iter().map(|&a| problem.candidates[a]).collect(),
-        candidates,
-        objective,
-        upper_bound: real(upper),
+        pairs: first.candidates.iter().map(|&a| problem.candidates[a]).collect(),
+        upper_bound: real(tree.upper()),
         root_bound: real(root_bound),
-        heuristic_objective,
-        proved: upper <= best,
-        resolution: dual.resolution(problem),
+        heuristic_objective: before,
+        proved: tree.upper() <= best,
+        resolution: dual.resolution(&canonical),
         nodes: tree.nodes,
-        stop: if upper <= best { StopReason::Proved } else { stop },
+        nodes_to_best: tree.nodes_to_best,
+        ranked: tree.heuristic.pool().sets().iter().map(|s| ranked(&s.1)).collect(),
+        reproducible: stop != StopReason::Stopped,
+        stop,
+        objective: first.objective,
+        candidates: first.candidates,
     })
 }
 
-fn objective(problem: &Problem, model: &Model, set: &[u32]) -> f64 {
-    let candidates: Vec<usize> = set.iter().filter_map(|&a| model.source[a as usize]).collect();
+fn objective(problem: &Problem, canonical: &Canonical, set: &[u32]) -> f64 {
+    let candidates: Vec<usize> = set.iter().map(|&a| canonical.source[a as usize]).collect();
     problem.objective(&candidates).expect("the search keeps its assignments one to one and complete")
-}
-
-/// Best bound first, then deeper first, then first made.
-type Key = (Reverse<i64>, Reverse<usize>, u64);
-
-struct Open {
-    /// Index into [`Tree::parents`]; `None` for the root.
-    parent: Option<usize>,
-    branch: Option<Branch>,
-}
-
-struct Tree<'a> {
-    dual: &'a Model,
-    heuristic: Search<'a>,
-    limits: &'a Limits,
-    control: &'a Control<'a>,
-    problem: &'a Problem,
-    primal: &'a Model,
-    /// Heuristic variable of each candidate.
-    variable: Vec<u32>,
-    scratch: Scratch,
-    /// Expanded subproblems with their number of open children.
-    parents: Vec<Option<(Sub, usize)>>,
-    vacant: Vec<usize>,
-    bytes: usize,
-    open: BTreeMap<Key, Open>,
-    newest: BTreeMap<u64, Key>,
-    made: u64,
-    nodes: u64,
-    root: Option<Sub>,
-}
-
-impl<'a> Tree<'a> {
-    fn new(
-        problem: &'a Problem,
-        primal: &'a Model,
-        dual: &'a Model,
-        heuristic: Search<'a>,
-        limits: &'a Limits,
-        control: &'a Control<'a>,
-    ) -> Self {
-        let mut variable = vec![0; problem.candidates.len()];
-        primal.source.iter().enumerate().for_each(|(v, a)| a.iter().for_each(|&a| variable[a] = v as u32));
-        Self {
-            dual,
-            heuristic,
-            limits,
-            control,
-            problem,
-            primal,
-            variable,
-            scratch: Scratch::default(),
-            parents: Vec::new(),
-            vacant: Vec::new(),
-            bytes: 0,
-            open: BTreeMap::new(),
-            newest: BTreeMap::new(),
-            made: 0,
-            nodes: 0,
-            root: Some(Sub::root(dual)),
-        }
-    }
-
-    fn best(&self) -> i64 {
-        self.heuristic.best().map_or(i64::MIN / 4, |b| b.0)
-    }
-
-    /// Bounds at or below this cannot hold a better assignment, since objectives are multiples of `step`.
-    fn threshold(&self) -> i64 {
-        self.best() + self.dual.step - 1
-    }
-
-    /// Largest possible objective at or below a bound.
-    fn floor(&self, bound: i64) -> i64 {
-        bound.div_euclid(self.dual.step) * self.dual.step
-    }
-
-    fn upper(&self) -> i64 {
-        self.open.keys().next().map_or(i64::MIN, |k| k.0.0).max(self.best())
-    }
-
-    /// Bounds the root and opens it or its branches; returns its bound.
-    fn root(&mut self) -> i64 {
-        let Some(mut sub) = self.root.take() else {
-            return self.best();
-        };
-        let sweeps = if self.limits.node_limit == 0 { 0 } else { self.limits.root_sweeps };
-        if sweeps > 0 {
-            self.nodes = 1;
-        }
-        let bound = self.ascend(&mut sub, sweeps, 100_000, i64::MAX);
-        let value = bound.map_or(self.best(), |b| self.floor(b).max(self.best()));
-        if let Some(bound) = bound {
-            if self.limits.node_limit == 0 {
-                self.push(bound, 0, Open { parent: None, branch: None });
-            } else {
-                self.expand(sub, bound);
-            }
-        }
-        self.report();
-        value
-    }
-
-    fn search(&mut self) -> StopReason {
-        loop {
-            let Some(&first) = self.open.keys().next() else {
-                return StopReason::Proved;
-            };
-            if first.0.0 <= self.threshold() {
-                self.open.clear();
-                return StopReason::Proved;
-            }
-            if self.nodes >= self.limits.node_limit {
-                return StopReason::NodeLimit;
-            }
-            if (self.control.stop)() {
-                return StopReason::Stopped;
-            }
-            let key = if self.bytes > self.limits.memory { self.newest.values().next_back().copied() } else { None }
-                .unwrap_or(first);
-            let Some(node) = self.open.remove(&key) else {
-                return StopReason::Proved;
-            };
-            self.newest.remove(&key.2);
-            let sub = if key.0.0 > self.threshold() { self.materialise(&node) } else { None };
-            self.release(node.parent);
-            let Some(mut sub) = sub else { continue };
-            self.nodes += 1;
-            if let Some(bound) = self.ascend(&mut sub, self.limits.node_sweeps, 10, key.0.0) {
-                self.expand(sub, bound);
-            }
-            self.report();
-        }
-    }
-
-    fn materialise(&self, node: &Open) -> Option<Sub> {
-        let (parent, _) = self.parents[node.parent?].as_ref()?;
-        Some(parent.child(node.branch?))
-    }
-
-    fn release(&mut self, parent: Option<usize>) {
-        let Some(at) = parent else { return };
-        if let Some((sub, children)) = &mut self.parents[at] {
-            *children -= 1;
-            if *children == 0 {
-                self.bytes -= sub.bytes();
-                self.parents[at] = None;
-                self.vacant.push(at);
-            }
-        }
-    }
-
-    /// The bound of a subproblem (at most `known`), unless it is pruned. May find a better assignment.
-    fn ascend(&mut self, sub: &mut Sub, sweeps: usize, patience: i64, known: i64) -> Option<i64> {
-        let how = Ascent { threshold: self.threshold(), sweeps, patience, stop: self.control.stop };
-        let Outcome::Bound(bound) = sub.ascend(&mut self.scratch, &how) else {
-            return None;
-        };
-        let set: Vec<u32> =
-            sub.completion().iter().filter_map(|&v| self.dual.source[v as usize]).map(|a| self.variable[a]).collect();
-        self.heuristic.polish(&set, self.dual.n_left);
-        let bound = bound.min(known);
-        (bound > self.threshold()).then_some(bound)
-    }
-
-    fn expand(&mut self, sub: Sub, bound: i64) {
-        let mut options = sub.branches(self.threshold());
-        if options.is_empty() {
-            return;
-        }
-        let depth = sub.fixed.len() + 1;
-        let at = self.vacant.pop().unwrap_or_else(|| {
-            self.parents.push(None);
-            self.parents.len() - 1
-        });
-        self.bytes += sub.bytes();
-        self.parents[at] = Some((sub, options.len()));
-        // The best branch last, so that depth first takes it first.
-        options.reverse();
-        for (own, branch) in options {
-            self.push(own.min(bound), depth, Open { parent: Some(at), branch: Some(branch) });
-        }
-    }
-
-    fn push(&mut self, bound: i64, depth: usize, node: Open) {
-        let key = (Reverse(self.floor(bound)), Reverse(depth), self.made);
-        self.newest.insert(self.made, key);
-        self.made += 1;
-        self.open.insert(key, node);
-    }
-
-    fn report(&self) {
-        let objective = self.heuristic.best().map_or(f64::NEG_INFINITY, |b| objective(self.problem, self.primal, b.1));
-        let upper_bound = self.dual.to_real(self.upper()).max(objective);
-        (self.control.progress)(&Progress { nodes: self.nodes, objective, upper_bound });
-    }
 }

@@ -2,6 +2,7 @@
 
 use super::lap::Lap;
 use super::model::Model;
+use super::pool::Pool;
 use crate::random::Random;
 
 const NONE: u32 = u32::MAX;
@@ -9,6 +10,8 @@ const NONE: u32 = u32::MAX;
 /// An assignment under construction, with the gain of every variable.
 pub(super) struct Search<'a> {
     m: &'a Model,
+    /// First variable of each left.
+    start: Vec<usize>,
     at_left: Vec<u32>,
     at_right: Vec<u32>,
     /// `c_a + sum of h_ab over the chosen b`, for chosen and unchosen `a` alike.
@@ -17,8 +20,7 @@ pub(super) struct Search<'a> {
     tabu: Vec<u64>,
     clock: u64,
     random: Random,
-    best: i64,
-    best_set: Vec<u32>,
+    pool: Pool,
 }
 
 /// The change that a move makes: variable in, up to two out, and the pair of freed features matched to each other where possible.
@@ -32,9 +34,13 @@ struct Move {
 }
 
 impl<'a> Search<'a> {
-    pub fn new(m: &'a Model, seed: u64) -> Self {
+    pub fn new(m: &'a Model, seed: u64, keep: usize) -> Self {
+        let mut start = vec![0; m.n_left + 1];
+        m.left.iter().for_each(|&k| start[k as usize + 1] += 1);
+        (0..m.n_left).for_each(|k| start[k + 1] += start[k]);
         Self {
             m,
+            start,
             at_left: vec![NONE; m.n_left],
             at_right: vec![NONE; m.n_right],
             gain: m.linear.clone(),
@@ -42,43 +48,44 @@ impl<'a> Search<'a> {
             tabu: vec![0; m.left.len()],
             clock: 0,
             random: Random::from_state(seed),
-            best: i64::MIN,
-            best_set: Vec::new(),
+            pool: Pool::new(keep),
         }
     }
 
-    /// The best assignment found (variables ascending) and its objective without the constant; `None` before any, which happens only if
-    /// not every left that must be matched can be.
-    pub fn best(&self) -> Option<(i64, &[u32])> {
-        (self.best != i64::MIN).then_some((self.best, &self.best_set))
+    /// What has been found; empty before anything, and where not every left that must be matched can be.
+    pub fn pool(&self) -> &Pool {
+        &self.pool
     }
 
-    /// `starts` runs of `iterations` moves each: the first from the greedy assignment, later ones from a disturbed best.
-    pub fn run(&mut self, starts: usize, iterations: usize, stop: &dyn Fn() -> bool) {
-        if !self.construct() || self.m.left.is_empty() {
-            return;
+    fn best(&self) -> i64 {
+        self.pool.best().map_or(i64::MIN, |b| b.0)
+    }
+
+    /// Run number `round`: from the greedy assignment if it is 0, else from the best one, disturbed. Ends after `idle` moves without improvement.
+    /// False if there is nothing to search.
+    pub fn run(&mut self, round: usize, idle: usize, stop: &dyn Fn() -> bool) -> bool {
+        if self.m.left.is_empty() && (self.m.n_left == 0 || !self.m.mandatory) {
+            self.load(&[]);
+            return false;
         }
-        for round in 0..starts {
-            if round > 0 {
-                let set = self.best_set.clone();
-                self.load(&set);
-                self.disturb(round);
+        if round == 0 {
+            if !self.construct() {
+                return false;
             }
-            self.tabu.fill(0);
-            let (mut idle, mut round_best) = (0, self.value);
-            while idle < iterations {
-                if self.clock.is_multiple_of(64) && stop() {
-                    return;
-                }
-                if !self.step() {
-                    break;
-                }
-                idle += 1;
-                if self.value > round_best {
-                    (round_best, idle) = (self.value, 0);
-                }
+        } else {
+            let Some(set) = self.pool.best().map(|b| b.1.to_vec()) else { return false };
+            self.load(&set);
+            self.disturb(round);
+        }
+        self.tabu.fill(0);
+        let (mut waited, mut best) = (0, self.value);
+        while waited < idle && !(self.clock.is_multiple_of(64) && stop()) && self.step() {
+            waited += 1;
+            if self.value > best {
+                (best, waited) = (self.value, 0);
             }
         }
+        true
     }
 
     /// Improves a given assignment by a short search.
@@ -92,24 +99,20 @@ impl<'a> Search<'a> {
         }
     }
 
-    fn construct(&mut self) -> bool {
+    /// The greedy assignment; false if not every left that must be matched can be.
+    pub fn construct(&mut self) -> bool {
         if self.m.mandatory {
             // Any assignment that serves every left: the best by linear scores.
-            let mut start = vec![0_u32; self.m.n_left + 1];
-            for &k in &self.m.left {
-                start[k as usize + 1] += 1;
-            }
-            for k in 0..self.m.n_left {
-                start[k + 1] += start[k];
-            }
+            let start: Vec<u32> = self.start.iter().map(|&v| v as u32).collect();
             let mut lap = Lap::default();
             if lap.solve(&start, &self.m.right, &self.m.linear, self.m.n_right, false, usize::MAX).is_none() {
                 return false;
             }
-            self.load(&lap.used);
+            let used = std::mem::take(&mut lap.used);
+            self.load(&used);
             return true;
         }
-        self.note();
+        self.load(&[]);
         self.grow();
         true
     }
@@ -135,7 +138,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    fn load(&mut self, set: &[u32]) {
+    /// Takes this assignment.
+    pub fn load(&mut self, set: &[u32]) {
         self.at_left.fill(NONE);
         self.at_right.fill(NONE);
         self.gain.clone_from(&self.m.linear);
@@ -227,14 +231,14 @@ impl<'a> Search<'a> {
 
     fn find(&self, left: u32, right: u32) -> Option<usize> {
         let m = self.m;
-        let from = m.left.partition_point(|&k| k < left);
-        let to = from + m.left[from..].partition_point(|&k| k == left);
+        let (from, to) = (self.start[left as usize], self.start[left as usize + 1]);
         m.right[from..to].binary_search(&right).ok().map(|at| from + at)
     }
 
     /// The best admissible move; false if there is none.
     fn step(&mut self) -> bool {
         self.clock += 1;
+        let known_best = self.best();
         let mut best: Option<Move> = None;
         let mut ties = 0;
         for a in 0..self.m.left.len() {
@@ -243,7 +247,7 @@ impl<'a> Search<'a> {
             };
             let held = |b: u32| b != NONE && self.tabu[b as usize] > self.clock;
             let tabu = held(change.insert) || held(change.rejoin) || change.insert == NONE && held(change.eject[0]);
-            if tabu && self.value + change.delta <= self.best {
+            if tabu && self.value + change.delta <= known_best {
                 continue;
             }
             match best {
@@ -277,9 +281,8 @@ impl<'a> Search<'a> {
 
     fn note(&mut self) {
         let complete = !self.m.mandatory || self.at_left.iter().all(|&a| a != NONE);
-        if complete && self.value > self.best {
-            self.best = self.value;
-            self.best_set = self.at_left.iter().copied().filter(|&a| a != NONE).collect();
+        if complete && self.pool.wants(self.value) {
+            self.pool.offer(self.value, self.at_left.iter().copied().filter(|&a| a != NONE));
         }
     }
 }

@@ -1,0 +1,96 @@
+//! Solves a graph matching problem from a file, or writes a synthetic one.
+//!
+//! ```text
+//! matching_file FILE.dd|FILE.dat [--nodes N] [--seconds S] [--solutions K] [--seed S] [--json]
+//! matching_file --make hard|none N SEED > FILE.dd
+//! ```
+//!
+//! Files that do not end in `.dd` are read as QAPLIB instances. Costs are printed as the file means them: to be minimised.
+#![expect(clippy::disallowed_methods, reason = "a program, not a node")]
+
+use std::error::Error;
+use std::time::Instant;
+
+use salient_kernels::assignment::qaplib::Qap;
+use salient_kernels::assignment::{Control, Limits, Problem, Solution, Synthetic, Timeline, dd, solve};
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    match args.first().map(String::as_str) {
+        None | Some("--help" | "-h") => Err("matching_file FILE [--nodes N] [--seconds S] [--solutions K] [--seed S] \
+            [--json], or --make hard|none N SEED"
+            .into()),
+        Some("--make") => make(&args[1..]),
+        Some(file) => run(file, &args[1..]),
+    }
+}
+
+fn make(args: &[String]) -> Result<(), Box<dyn Error>> {
+    let [kind, n, seed] = args else { return Err("--make takes hard or none, a size, a seed".into()) };
+    let (n, seed) = (n.parse()?, seed.parse()?);
+    let synthetic = match kind.as_str() {
+        "hard" => Synthetic::hard(n, seed),
+        "none" => Synthetic::none(n, seed),
+        other => return Err(format!("`{other}` is neither hard nor none").into()),
+    };
+    let written = dd::write(&synthetic.build()?.0).ok_or("the problem has no .dd form")?;
+    print!("{}", written.text);
+    Ok(())
+}
+
+/// The value after an option, if it is there.
+fn option<T: std::str::FromStr>(args: &[String], name: &str) -> Result<Option<T>, Box<dyn Error>> {
+    let Some(at) = args.iter().position(|a| a == name) else { return Ok(None) };
+    let value = args.get(at + 1).ok_or_else(|| format!("{name} needs a value"))?;
+    value.parse().map(Some).map_err(|_| format!("`{value}` is no value of {name}").into())
+}
+
+fn run(file: &str, args: &[String]) -> Result<(), Box<dyn Error>> {
+    let text = std::fs::read_to_string(file).map_err(|e| format!("{file}: {e}"))?;
+    let dd_file = std::path::Path::new(file).extension().is_some_and(|e| e.eq_ignore_ascii_case("dd"));
+    let problem: Problem = if dd_file {
+        dd::read(&text).map_err(|e| format!("{file}, {e}"))?
+    } else {
+        Qap::read(&text).map_err(|e| format!("{file}, {e}"))?.problem()?
+    };
+    let limits = Limits {
+        node_limit: option(args, "--nodes")?.unwrap_or(u64::MAX),
+        solutions: option(args, "--solutions")?.unwrap_or(1),
+        seed: option(args, "--seed")?.unwrap_or(0),
+        ..Limits::default()
+    };
+    let seconds: f64 = option(args, "--seconds")?.unwrap_or(f64::INFINITY);
+    let start = Instant::now();
+    let timeline = Timeline::new(|| start.elapsed().as_secs_f64());
+    let control =
+        Control { stop: &|| start.elapsed().as_secs_f64() > seconds, progress: &|progress| timeline.note(progress) };
+    let solution = solve(&problem, &limits, &control)?;
+    let total = start.elapsed().as_secs_f64();
+    let times = [timeline.first(), Some(timeline.best()), timeline.proof(), Some(total)];
+    if args.iter().any(|a| a == "--json") {
+        println!("{}", json(&solution, times));
+    } else {
+        print(&solution, times);
+    }
+    Ok(())
+}
+
+fn print(s: &Solution, [first, best, proof, total]: [Option<f64>; 4]) {
+    println!("cost {} bound {} gap {:.3} %", -s.objective, -s.upper_bound, 100.0 * s.relative_gap());
+    println!("root bound {}, {} nodes, best after {}", -s.root_bound, s.nodes, s.nodes_to_best);
+    let time = |t: Option<f64>| t.map_or("never".into(), |t| format!("{t:.3} s"));
+    println!("first {}, best {}, proof {}, in all {}", time(first), time(best), time(proof), time(total));
+    println!("ended: {:?}{}", s.stop, if s.reproducible { "" } else { " (by time: another run may differ)" });
+    for (rank, one) in s.ranked.iter().enumerate() {
+        println!("{}: cost {}, candidates {:?}", rank + 1, -one.objective, one.candidates);
+    }
+}
+
+fn json(s: &Solution, times: [Option<f64>; 4]) -> String {
+    let [first, best, proof, total] = times.map(|t| t.map_or("null".into(), |t| t.to_string()));
+    format!(
+        "{{\"objective\": {}, \"bound\": {}, \"root\": {}, \"proved\": {}, \"nodes\": {}, \"first\": {first}, \
+         \"best\": {best}, \"proof\": {proof}, \"total\": {total}}}",
+        s.objective, s.upper_bound, s.root_bound, s.proved, s.nodes
+    )
+}
