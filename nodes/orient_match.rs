@@ -95,6 +95,7 @@ fn exchanged(matched: &Match, twin: &Twin, own: f64, other: f64) -> Match {
         objective: twin.objective,
         gap: matched.bound - twin.objective,
         proved: false,
+        stopped: "exchanged".into(),
         twin: Some(Twin { pairs: matched.pairs.clone(), objective: matched.objective, moved: twin.moved }),
         orientation: Some(Orientation { own: other, twin: Some(own), exchanged: true }),
         ..matched.clone()

@@ -46,7 +46,7 @@ pub struct Match {
     pub gap: f64,
     /// Whether the match is proved to be optimal.
     pub proved: bool,
-    /// What ended the search: `proved`, `nodes` or `seconds`.
+    /// What ended the search: `proved`, `nodes` or `seconds`; `exchanged` once `orient_match` has put the twin in its place.
     pub stopped: String,
     /// Objective of the heuristic alone, before branching.
     pub heuristic: f64,
@@ -132,7 +132,12 @@ impl Artefact for Match {
         let proof = if self.proved {
             "proved optimal".to_owned()
         } else {
-            format!("gap {:.2} % (stopped by {})", 100.0 * self.gap / self.objective.abs(), self.stopped)
+            let why = if self.stopped == "exchanged" {
+                "exchanged with the twin"
+            } else {
+                &format!("stopped by {}", self.stopped)
+            };
+            format!("gap {:.2} % ({why})", 100.0 * self.gap / self.objective.abs())
         };
         let mut lines = vec![
             ("matches", format!("{} of {left} and {right} features", self.pairs.len())),
