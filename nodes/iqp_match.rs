@@ -90,7 +90,7 @@ pub enum Limit {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Params {
-    /// Candidates of each feature: its nearest by descriptor (and scale) on the other shape, both ways. 1 to 1000, default 4.
+    /// Candidates of each feature: its nearest by descriptor (and scale) on the other shape, both ways. 1 to 1000, default 6.
     #[schemars(range(min = 1, max = 1000))]
     pub candidates: u32,
     /// Weight of the descriptors' term against the relations'. At least 0, default 1 (paper).
@@ -136,7 +136,7 @@ pub struct Params {
 impl Default for Params {
     fn default() -> Self {
         Self {
-            candidates: 4,
+            candidates: 6,
             beta: 1.0,
             unit: Unit::Area,
             compare: Compare::LogRatio,

@@ -1,9 +1,10 @@
 //! The mirror twin of a match: on a symmetric shape a match and its mirror image score (nearly) the same.
 //!
-//! It is the best match under a fine on every candidate that sends a feature (nearly) where the match does. The fine is 1.5
-//! times the match's mean score per pair. Repeating a share s of the match then costs 1.5 s against at most s² of
-//! its score, so no share pays by itself; but a feature on the plane of symmetry, which belongs to the twin as well, earns
-//! about twice the mean there and stays. What was found is then improved, without the fine.
+//! It is the best match under a fine on every candidate that sends a feature (nearly) where the match does. The fine is the
+//! match's mean score per pair. Repeating a share s of the match then costs s against at most s² of its score, so no
+//! share pays by itself; but a feature on the plane of symmetry, which belongs to the twin as well, earns about twice the
+//! mean there and stays. What was found is improved without the fine. A second round then fines only features that the first one
+//! moved.
 
 use salient_kernels::assignment::{self, Control, Limits};
 use salient_sdk::{Context, NodeError};
@@ -11,9 +12,9 @@ use salient_sdk::{Context, NodeError};
 use super::model::Model;
 
 /// Partners nearer than this, over the square root of the right shape's area, are the same place.
-const NEAR: f64 = 0.1;
-/// The fine, in mean scores per matched pair.
-const FINE: f64 = 1.5;
+const NEAR: f64 = 0.2;
+/// Rounds of search.
+const ROUNDS: usize = 2;
 /// Passes of the improvement; each changes something, and a few are enough.
 const PASSES: usize = 100;
 
@@ -30,13 +31,18 @@ pub(super) fn search(model: &Model, chosen: &[usize], objective: f64, cx: Contex
         return Ok(None);
     }
     let near = near(model, chosen);
-    let fine = FINE * objective / chosen.len() as f64;
-    let problem = model.problem(|a| if near[a] { -fine } else { 0.0 }).map_err(super::unbuildable)?;
+    let fine = objective / chosen.len() as f64;
     let limits = Limits { node_limit: 0, root_sweeps: 0, ..Limits::default() };
     let control = Control { stop: &|| cx.cancelled(), progress: &|_| {} };
-    let found = assignment::solve(&problem, &limits, &control).map_err(super::unsolvable)?;
-    cx.check()?;
-    let twin = improved(model, found.candidates);
+    let (mut fined, mut twin) = (near.clone(), Vec::new());
+    for _ in 0..ROUNDS {
+        let problem = model.problem(|a| if fined[a] { -fine } else { 0.0 }).map_err(super::unbuildable)?;
+        let found = assignment::solve(&problem, &limits, &control).map_err(super::unsolvable)?;
+        cx.check()?;
+        twin = improved(model, found.candidates);
+        let stay: Vec<usize> = twin.iter().filter(|a| near[**a]).map(|a| model.candidates[*a].left).collect();
+        fined = (0..near.len()).map(|a| near[a] && !stay.contains(&model.candidates[a].left)).collect();
+    }
     let plain = model.problem(|_| 0.0).map_err(super::unbuildable)?;
     let value = plain.objective(&twin).unwrap_or(f64::NEG_INFINITY);
     let lefts: Vec<usize> = chosen.iter().map(|a| model.candidates[*a].left).collect();
