@@ -8,7 +8,8 @@
 //!
 //! is the volume that the surface encloses under the map x -> (d_a, d_b, d_c) to space. An isometry that keeps orientation keeps V, one
 //! that reverses it changes its sign. Over all triples of some matched features, spread over the shape, the correlation of V on the
-//! left with V on the right, in units of area, is near 1 for a right match and near -1 for a mirrored one.
+//! left with V on the right, in units of area, is near 1 for a right match and near -1 for a mirrored one. Where both have the
+//! same sign, the twin is no mirror image (but, say, back to front), and orientation does not decide.
 
 use std::sync::Arc;
 
@@ -58,7 +59,7 @@ pub struct OrientMatch;
 impl Node for OrientMatch {
     const KIND: &'static str = "orient_match";
     const VERSION: u32 = 1;
-    const DOC: &'static str = "Exchanges a match and its mirror twin if the twin keeps the orientation of the surface and the match does not. \
+    const DOC: &'static str = "Exchanges a match and its mirror twin if the twin keeps the orientation of the surface and the match reverses it. \
         Both meshes must be oriented alike: faces counterclockwise from outside.";
     const EXAMPLE: &'static str = r#"
         "a":        synthesize(pose: 0),
@@ -83,7 +84,7 @@ impl Node for OrientMatch {
         let own = orientation(&sides, &matched.pairs, count, cx)?;
         let twin = matched.twin.as_ref().map(|t| orientation(&sides, &t.pairs, count, cx)).transpose()?;
         Ok(match (&matched.twin, twin) {
-            (Some(t), Some(other)) if other > own => exchanged(&matched, t, own, other),
+            (Some(t), Some(other)) if own < 0.0 && other > 0.0 => exchanged(&matched, t, own, other),
             _ => Match { orientation: Some(Orientation { own, twin, exchanged: false }), ..(*matched).clone() },
         })
     }
