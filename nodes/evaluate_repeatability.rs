@@ -232,7 +232,9 @@ impl<'a> Shape<'a> {
         let mut mass = vec![0.0; n];
         for face in &mesh.faces {
             let third = mesh.face_area(face) / (3.0 * root * root);
-            face.iter().for_each(|v| mass[*v as usize] += third);
+            for v in face {
+                mass[*v as usize] += third;
+            }
         }
         Ok(Self { features, root, fields, mass })
     }

@@ -220,13 +220,14 @@ impl Node for IqpMatch {
         }
         let stretch = stretch::search(&left, &right, params, cx)?;
         let model = Model::new(&left, &right, params, stretch);
-        let solution = solve(&model.problem(|_| 0.0).map_err(unbuildable)?, params.limit, cx)?;
+        let solution = solve(&model.problem(|_| 0.0).map_err(|e| unbuildable(&e))?, params.limit, cx)?;
         let pair = |c: &usize| {
             let c = model.candidates[*c];
             let (left_vertex, right_vertex) = (left.features[c.left].vertex, right.features[c.right].vertex);
             Pair { left: c.left, right: c.right, left_vertex, right_vertex, descriptor_distance: c.distance }
         };
-        let twin = twin::search(&model, &solution.candidates, solution.objective, cx)?.map(|t| Twin {
+        let twins = twin::search(&model, &solution.candidates, solution.objective, cx)?;
+        let mut twins = twins.iter().map(|t| Twin {
             pairs: t.chosen.iter().map(pair).collect(),
             objective: t.objective,
             moved: t.moved,
@@ -248,13 +249,14 @@ impl Node for IqpMatch {
             candidates: model.candidates.len(),
             sigmas: [model.sigmas.descriptor, model.sigmas.geodesic, model.sigmas.scale],
             stretch,
-            twin,
+            twin: twins.next(),
+            others: twins.collect(),
             orientation: None,
         })
     }
 }
 
-fn unbuildable(e: assignment::ProblemError) -> NodeError {
+fn unbuildable(e: &assignment::ProblemError) -> NodeError {
     NodeError::new(format!("the matching problem cannot be built: {e}"))
 }
 

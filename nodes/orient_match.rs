@@ -9,7 +9,7 @@
 //! is the volume that the surface encloses under the map x -> (d_a, d_b, d_c) to space. An isometry that keeps orientation keeps V, one
 //! that reverses it changes its sign. Over all triples of some matched features, spread over the shape, the correlation of V on the
 //! left with V on the right, in units of area, is near 1 for a right match and near -1 for a mirrored one. Where both have the
-//! same sign, the twin is no mirror image (but, say, back to front), and orientation does not decide.
+//! same sign, the twin is no mirror image (but, say, back to front), and another of those that the matching found may be.
 
 use std::sync::Arc;
 
@@ -82,25 +82,36 @@ impl Node for OrientMatch {
         let sides = [Shape { graph: graph(&left)?, mesh: &left }, Shape { graph: graph(&right)?, mesh: &right }];
         let count = params.landmarks as usize;
         let own = orientation(&sides, &matched.pairs, count, cx)?;
-        let twin = matched.twin.as_ref().map(|t| orientation(&sides, &t.pairs, count, cx)).transpose()?;
-        Ok(match (&matched.twin, twin) {
-            (Some(t), Some(other)) if own < 0.0 && other > 0.0 => exchanged(&matched, t, own, other),
-            _ => Match { orientation: Some(Orientation { own, twin, exchanged: false }), ..(*matched).clone() },
-        })
+        let mut twins = Vec::new();
+        for twin in matched.twin.iter().chain(&matched.others) {
+            twins.push((orientation(&sides, &twin.pairs, count, cx)?, twin.clone()));
+        }
+        Ok(decided(&matched, own, twins))
     }
 }
 
-fn exchanged(matched: &Match, twin: &Twin, own: f64, other: f64) -> Match {
-    Match {
-        pairs: twin.pairs.clone(),
-        objective: twin.objective,
-        gap: matched.bound - twin.objective,
-        proved: false,
-        stopped: "exchanged".into(),
-        twin: Some(Twin { pairs: matched.pairs.clone(), objective: matched.objective, moved: twin.moved }),
-        orientation: Some(Orientation { own: other, twin: Some(own), exchanged: true }),
-        ..matched.clone()
+/// The match with its best twin of the other orientation first, and in its place if the match is mirrored.
+fn decided(matched: &Match, own: f64, mut twins: Vec<(f64, Twin)>) -> Match {
+    let opposite = twins.iter().position(|(o, _)| o * own < 0.0);
+    if let Some(i) = opposite {
+        twins[..=i].rotate_right(1);
     }
+    let mut found = matched.clone();
+    let exchanged = own < 0.0 && opposite.is_some();
+    let mut orientation = Orientation { own, twin: twins.first().map(|(o, _)| *o), exchanged };
+    if let Some((other, twin)) = twins.first_mut().filter(|_| exchanged) {
+        orientation = Orientation { own: *other, twin: Some(own), exchanged };
+        let moved = twin.moved;
+        let twin = std::mem::replace(twin, Twin { pairs: matched.pairs.clone(), objective: matched.objective, moved });
+        found.gap = matched.bound - twin.objective;
+        (found.pairs, found.objective) = (twin.pairs, twin.objective);
+        (found.proved, found.stopped) = (false, "exchanged".into());
+    }
+    let mut twins = twins.into_iter().map(|(_, twin)| twin);
+    found.twin = twins.next();
+    found.others = twins.collect();
+    found.orientation = Some(orientation);
+    found
 }
 
 struct Shape<'a> {

@@ -45,6 +45,7 @@ def row(result):
         for key in ["within_5", "within_10", "within_25", "auc"]:
             figures[f"{prefix} plain {key}"] = plain[key] if plain else 0.0
             figures[f"{prefix} symmetric {key}"] = symmetric[key] if symmetric else 0.0
+    figures["orientation"] = [result["oriented"]["orientation"][key] for key in ["own", "twin", "exchanged"]]
     if "repeat" in result:
         r = result["repeat"]
         for key in ["position", "position_scale"]:

@@ -58,8 +58,11 @@ pub struct Match {
     pub sigmas: [f64; 3],
     /// Factor by which left lengths were enlarged, after division by the unit: 1 unless searched.
     pub stretch: f64,
-    /// The runner-up that sends most features elsewhere; null if there is none that scores above zero.
+    /// The best match that sends most features elsewhere; null if none scores half as much as the match. After
+    /// `orient_match`, the best such one of the other orientation, if there is one.
     pub twin: Option<Twin>,
+    /// Further ones, each apart from all before, best first; at most two.
+    pub others: Vec<Twin>,
     /// What `orient_match` found; null before.
     pub orientation: Option<Orientation>,
 }
@@ -84,7 +87,7 @@ impl Match {
 
     /// Refuses meshes that lack a vertex of the match or its twin.
     pub fn check_vertices(&self, left: &Mesh, right: &Mesh) -> Result<(), NodeError> {
-        for p in self.pairs.iter().chain(self.twin.iter().flat_map(|t| &t.pairs)) {
+        for p in self.pairs.iter().chain(self.twin.iter().chain(&self.others).flat_map(|t| &t.pairs)) {
             for (side, vertex, mesh) in [("left", p.left_vertex, left), ("right", p.right_vertex, right)] {
                 let n = mesh.vertices.len();
                 if vertex as usize >= n {

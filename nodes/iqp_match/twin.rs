@@ -5,6 +5,9 @@
 //! share pays by itself; but a feature on the plane of symmetry, which belongs to the twin as well, earns about twice the
 //! mean there and stays. What was found is improved without the fine. A second round then fines only features that the first one
 //! moved.
+//!
+//! A shape may nearly have other symmetries: a standing figure looks alike from front and back. So further ones are sought,
+//! under a fine on all that was found before, and the orientation of the surface has more to choose from.
 
 use salient_kernels::assignment::{self, Control, Limits};
 use salient_sdk::{Context, NodeError};
@@ -18,40 +21,66 @@ const ROUNDS: usize = 2;
 /// Passes of the improvement; each changes something, and a few are enough.
 const PASSES: usize = 100;
 
-/// Candidates of the twin, ascending, and the share of features matched in both that lie apart.
+/// How many are sought: left to right, front to back, and both, make three.
+const SOUGHT: usize = 3;
+/// One that scores less than this share of the match is none.
+const WORTH: f64 = 0.5;
+
+/// Candidates of a twin, ascending, and the share of features matched in both that lie apart from the match.
 pub(super) struct Found {
     pub chosen: Vec<usize>,
     pub objective: f64,
     pub moved: f64,
 }
 
-/// The twin of the match `chosen`, if one scores above zero and moves any feature.
-pub(super) fn search(model: &Model, chosen: &[usize], objective: f64, cx: Context) -> Result<Option<Found>, NodeError> {
+/// Twins of the match `chosen`, best first.
+pub(super) fn search(model: &Model, chosen: &[usize], objective: f64, cx: Context) -> Result<Vec<Found>, NodeError> {
+    let mut twins: Vec<Found> = Vec::new();
     if chosen.is_empty() || objective <= 0.0 {
-        return Ok(None);
+        return Ok(twins);
     }
-    let near = near(model, chosen);
+    let plain = model.problem(|_| 0.0).map_err(|e| super::unbuildable(&e))?;
     let fine = objective / chosen.len() as f64;
+    let own = near(model, chosen);
+    let mut before = own.clone();
+    for _ in 0..SOUGHT {
+        let twin = another(model, &before, fine, cx)?;
+        let value = plain.objective(&twin).unwrap_or(f64::NEG_INFINITY);
+        if value < WORTH * objective || moved(model, chosen, &twin, &before) <= 0.0 {
+            break;
+        }
+        for (b, n) in before.iter_mut().zip(near(model, &twin)) {
+            *b |= n;
+        }
+        let moved = moved(model, chosen, &twin, &own);
+        twins.push(Found { chosen: twin, objective: value, moved });
+    }
+    twins.sort_by(|a, b| b.objective.total_cmp(&a.objective));
+    Ok(twins)
+}
+
+/// The best match under a fine on candidates in `before`, improved without it.
+fn another(model: &Model, before: &[bool], fine: f64, cx: Context) -> Result<Vec<usize>, NodeError> {
     let limits = Limits { node_limit: 0, root_sweeps: 0, ..Limits::default() };
     let control = Control { stop: &|| cx.cancelled(), progress: &|_| {} };
-    let (mut fined, mut twin) = (near.clone(), Vec::new());
+    let (mut fined, mut twin) = (before.to_vec(), Vec::new());
     for _ in 0..ROUNDS {
-        let problem = model.problem(|a| if fined[a] { -fine } else { 0.0 }).map_err(super::unbuildable)?;
+        let problem = model.problem(|a| if fined[a] { -fine } else { 0.0 }).map_err(|e| super::unbuildable(&e))?;
         let found = assignment::solve(&problem, &limits, &control).map_err(super::unsolvable)?;
         cx.check()?;
         twin = improved(model, found.candidates);
-        let stay: Vec<usize> = twin.iter().filter(|a| near[**a]).map(|a| model.candidates[*a].left).collect();
-        fined = (0..near.len()).map(|a| near[a] && !stay.contains(&model.candidates[a].left)).collect();
+        let stay: Vec<usize> = twin.iter().filter(|a| before[**a]).map(|a| model.candidates[*a].left).collect();
+        fined = (0..before.len()).map(|a| before[a] && !stay.contains(&model.candidates[a].left)).collect();
     }
-    let plain = model.problem(|_| 0.0).map_err(super::unbuildable)?;
-    let value = plain.objective(&twin).unwrap_or(f64::NEG_INFINITY);
+    Ok(twin)
+}
+
+/// Of the features that both match, the share whose partner in the twin is not `near`.
+fn moved(model: &Model, chosen: &[usize], twin: &[usize], near: &[bool]) -> f64 {
     let lefts: Vec<usize> = chosen.iter().map(|a| model.candidates[*a].left).collect();
     let both: Vec<usize> = twin.iter().copied().filter(|a| lefts.contains(&model.candidates[*a].left)).collect();
     let apart = both.iter().filter(|a| !near[**a]).count();
-    if value <= 0.0 || apart == 0 {
-        return Ok(None);
-    }
-    Ok(Some(Found { chosen: twin, objective: value, moved: apart as f64 / both.len() as f64 }))
+    if both.is_empty() { 0.0 } else { apart as f64 / both.len() as f64 }
 }
 
 /// For each candidate, whether it sends its left feature near to where the match sends it.

@@ -94,7 +94,7 @@ mod tests {
     #[test]
     fn the_nearest_point_is_no_farther_than_any_sampled_one() {
         let mut random = Random::from_state(5);
-        let mut number = || f64::from(random.below(1000)) / 500.0 - 1.0;
+        let mut number = || random.signed();
         for _ in 0..200 {
             let mut point = || [number(), number(), number()];
             let (corners, query) = ([point(), point(), point()], point());

@@ -33,6 +33,7 @@ pub fn pairs(of: impl Iterator<Item = (u32, u32)>) -> Arc<Match> {
         sigmas: [1.0; 3],
         stretch: 1.0,
         twin: None,
+        others: Vec::new(),
         orientation: None,
     })
 }
