@@ -4,14 +4,13 @@
 //! true image of the left vertex, over the square root of the right shape's area. Up to symmetry, the
 //! image of the left vertex's mirror twin counts as well.
 //!
-//! The truth is, in this order: positions on a `template` of which both meshes are poses (by vertex
-//! index); the reference positions that the meshes carry; a vertex index that both meshes share.
+//! What the truth is, [`crate::truth`] says. A position between vertices is not rounded to one: distances to the three corners
+//! of its face are interpolated.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use salient_kernels::geodesic::Geodesics;
-use salient_kernels::nearest::NearestVertex;
 use salient_sdk::{
     Artefact, Context, Decoder, Encoder, FormatError, Inputs, Mesh, Node, NodeError, Port, PortValues, Table,
 };
@@ -21,21 +20,9 @@ use serde_json::{Value, json};
 
 use crate::iqp_match::Match;
 use crate::patch_extract::Metric;
+use crate::truth::{Place, Truth};
 
-/// Which plane of the reference mirrors left to right.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum Mirror {
-    /// The coordinate plane through the middle about which the reference is symmetric, if one is.
-    Auto,
-    /// No figures up to symmetry.
-    Never,
-    /// x changes sign.
-    X,
-    /// y changes sign.
-    Y,
-    /// z changes sign.
-    Z,
-}
+pub use crate::truth::Mirror;
 
 /// Params of [`EvaluateMatch`].
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -97,6 +84,10 @@ pub struct Figures {
     pub within_25: f64,
     /// Median error; null where half of the matches have no finite one.
     pub median: Option<f64>,
+    /// The error curve: share of matches within 0, 1, ... 25 %.
+    pub curve: Vec<f64>,
+    /// Area under the curve of the share within e, for e from 0 to 25 %, over its greatest possible value: 1 if all are exact.
+    pub auc: f64,
 }
 
 /// The error of one match over sqrt(area); null where there is no true image or no path to it.
@@ -106,7 +97,7 @@ pub struct PairError {
     pub left_vertex: u32,
     /// Vertex on the right mesh.
     pub right_vertex: u32,
-    /// Where the left vertex truly is on the right mesh.
+    /// The vertex nearest to where the left vertex truly is on the right mesh.
     pub true_vertex: Option<u32>,
     /// Error.
     pub error: Option<f64>,
@@ -133,7 +124,7 @@ pub struct Evaluation {
 
 impl Artefact for Evaluation {
     const TYPE: &'static str = "evaluation";
-    const FORMAT: u32 = 1;
+    const FORMAT: u32 = 2;
     const DOC: &'static str = "Errors of matches as geodesic distance over sqrt(area): shares within 5, 10 and 25 %, plain and up to the \
         left-right symmetry, and the error of each pair.";
 
@@ -153,7 +144,8 @@ impl Artefact for Evaluation {
         let percent = |x: f64| format!("{:.0} %", 100.0 * x);
         let line = |f: &Option<Figures>, why: &str| match f {
             Some(f) => {
-                format!("{} within 5 %, {} within 10 % of sqrt(area)", percent(f.within_5), percent(f.within_10))
+                let [five, ten, quarter] = [f.within_5, f.within_10, f.within_25].map(percent);
+                format!("{five} within 5 %, {ten} within 10 %, {quarter} within 25 % of sqrt(area); AUC {:.2}", f.auc)
             }
             None => why.to_owned(),
         };
@@ -191,7 +183,7 @@ pub struct EvaluateMatch;
 
 impl Node for EvaluateMatch {
     const KIND: &'static str = "evaluate_match";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const DOC: &'static str = "How far matches are from the ground truth: geodesic error over sqrt(area), plain and up to the left-right symmetry.";
     const EXAMPLE: &'static str = r#"
         "a":        synthesize(pose: 0),
@@ -207,23 +199,25 @@ impl Node for EvaluateMatch {
 
     fn run(params: &Params, inputs: In, cx: Context) -> Result<Evaluation, NodeError> {
         let In { matched, left, right, template } = inputs;
-        check_vertices(&matched, &left, &right)?;
-        let truth = Truth::new(&left, &right, template.as_deref(), params)?;
+        matched.check_vertices(&left, &right)?;
+        let truth = Truth::new(&left, &right, template.as_deref(), params.mirror, params.reach)?;
         let geodesics = Geodesics::new(&right.vertices, &right.faces, params.metric.kernel())
             .map_err(|e| NodeError::new(format!("the right mesh has no geodesics: {e}")))?;
         let root = right.area().sqrt();
         let mut search = geodesics.search();
+        let mut distances: BTreeMap<u32, Vec<f64>> = BTreeMap::new();
         let mut pairs = Vec::with_capacity(matched.pairs.len());
         for p in &matched.pairs {
             cx.check()?;
-            let distances = search.distances(&[p.right_vertex]);
-            let error = |v: Option<u32>| v.map(|v| distances[v as usize] / root).filter(|e| e.is_finite());
-            let true_vertex = truth.image(p.left_vertex);
-            let (plain, twin) = (error(true_vertex), error(truth.twin(p.left_vertex)));
+            let from = distances.entry(p.right_vertex);
+            let from = from.or_insert_with(|| search.distances(&[p.right_vertex]));
+            let error = |place: Option<Place>| place.map(|at| at.value(from) / root).filter(|e| e.is_finite());
+            let image = truth.image(p.left_vertex);
+            let (plain, twin) = (error(image), error(truth.twin(p.left_vertex)));
             pairs.push(PairError {
                 left_vertex: p.left_vertex,
                 right_vertex: p.right_vertex,
-                true_vertex,
+                true_vertex: image.map(|at| at.nearest_vertex()),
                 error: plain,
                 error_symmetric: [plain, twin].into_iter().flatten().min_by(f64::total_cmp),
             });
@@ -239,20 +233,8 @@ impl Node for EvaluateMatch {
     }
 }
 
-fn check_vertices(matched: &Match, left: &Mesh, right: &Mesh) -> Result<(), NodeError> {
-    for p in &matched.pairs {
-        for (side, vertex, mesh) in [("left", p.left_vertex, left), ("right", p.right_vertex, right)] {
-            let n = mesh.vertices.len();
-            if vertex as usize >= n {
-                let message = format!("a match names {side} vertex {vertex}, but that mesh has {n}");
-                return Err(
-                    NodeError::new(message).help(format!("wire `{side}` to the mesh whose features were matched"))
-                );
-            }
-        }
-    }
-    Ok(())
-}
+/// Where the error curve ends.
+const WORST: f64 = 0.25;
 
 fn figures(errors: impl Iterator<Item = Option<f64>>) -> Option<Figures> {
     let mut all: Vec<f64> = errors.map(|e| e.unwrap_or(f64::INFINITY)).collect();
@@ -267,135 +249,7 @@ fn figures(errors: impl Iterator<Item = Option<f64>>) -> Option<Figures> {
         within_10: within(0.1),
         within_25: within(0.25),
         median: middle.is_finite().then_some(middle),
+        curve: (0..=25).map(|percent| within(f64::from(percent) / 100.0)).collect(),
+        auc: all.iter().map(|e| 1.0 - (e / WORST).min(1.0)).sum::<f64>() / all.len() as f64,
     })
-}
-
-/// Where left vertices are on the right mesh.
-enum Truth {
-    /// Equal vertex index.
-    Shared(Vec<Option<u32>>),
-    /// Nearest reference position.
-    Reference(Box<References>),
-}
-
-struct References {
-    name: &'static str,
-    left: Vec<[f64; 3]>,
-    nearest: NearestVertex,
-    reach: f64,
-    /// Axis and the coordinate of the plane of symmetry.
-    mirror: Option<(usize, f64)>,
-}
-
-impl Truth {
-    fn new(left: &Mesh, right: &Mesh, template: Option<&Mesh>, params: &Params) -> Result<Self, NodeError> {
-        let (name, left, references) = match (template, &left.reference, &right.reference) {
-            (Some(t), ..) => ("template", on_template(left, t, "left")?, on_template(right, t, "right")?),
-            (None, Some(l), Some(r)) => ("reference", l.clone(), r.clone()),
-            (None, ..) => return shared(left, right),
-        };
-        let nearest = NearestVertex::new(&references);
-        let mirror = mirror(&references, &nearest, params.mirror);
-        let reach = params.reach * right.area().sqrt();
-        Ok(Self::Reference(Box::new(References { name, left, nearest, reach, mirror })))
-    }
-
-    fn name(&self) -> &'static str {
-        match self {
-            Self::Shared(_) => "shared_index",
-            Self::Reference(r) => r.name,
-        }
-    }
-
-    fn image(&self, left: u32) -> Option<u32> {
-        match self {
-            Self::Shared(images) => images[left as usize],
-            Self::Reference(r) => r.at(r.left[left as usize]),
-        }
-    }
-
-    /// The image of the left vertex's mirror twin.
-    fn twin(&self, left: u32) -> Option<u32> {
-        let Self::Reference(r) = self else { return None };
-        r.at(reflected(r.left[left as usize], r.mirror?))
-    }
-
-    fn mirror(&self) -> Option<usize> {
-        let Self::Reference(r) = self else { return None };
-        r.mirror.map(|(axis, _)| axis)
-    }
-}
-
-impl References {
-    fn at(&self, point: [f64; 3]) -> Option<u32> {
-        self.nearest.nearest(point).filter(|(_, d)| *d <= self.reach).map(|(v, _)| v)
-    }
-}
-
-fn reflected(mut p: [f64; 3], (axis, plane): (usize, f64)) -> [f64; 3] {
-    p[axis] = 2.0 * plane - p[axis];
-    p
-}
-
-/// The index that a vertex had in the file.
-fn identity(mesh: &Mesh, vertex: usize) -> u32 {
-    mesh.source.as_ref().map_or(vertex as u32, |s| s[vertex])
-}
-
-fn on_template(mesh: &Mesh, template: &Mesh, side: &str) -> Result<Vec<[f64; 3]>, NodeError> {
-    let at = |vertex: usize| {
-        let index = identity(mesh, vertex);
-        template.vertices.get(index as usize).copied().ok_or_else(|| {
-            NodeError::new(format!(
-                "{side} vertex {vertex} is vertex {index} of its original, but the template has {}",
-                template.vertices.len()
-            ))
-        })
-    };
-    (0..mesh.vertices.len()).map(at).collect()
-}
-
-fn shared(left: &Mesh, right: &Mesh) -> Result<Truth, NodeError> {
-    let (l, r) = (left.vertices.len(), right.vertices.len());
-    if l != r && left.source.is_none() && right.source.is_none() {
-        return Err(NodeError::new(format!(
-            "no ground truth: the meshes carry no reference positions, and {l} and {r} vertices share no index"
-        ))
-        .help("wire `template`, or match meshes that share their vertex order"));
-    }
-    let images: BTreeMap<u32, u32> = (0..r).rev().map(|j| (identity(right, j), j as u32)).collect();
-    let image = |i| images.get(&identity(left, i)).copied();
-    Ok(Truth::Shared((0..l).map(image).collect()))
-}
-
-/// A reference counts as symmetric if the median distance from mirrored vertices to the nearest one is
-/// below this share of its bounding box's diagonal.
-const SYMMETRIC: f64 = 0.01;
-
-fn mirror(points: &[[f64; 3]], nearest: &NearestVertex, wanted: Mirror) -> Option<(usize, f64)> {
-    let extent = |axis: usize| {
-        let coordinates = points.iter().map(|p| p[axis]);
-        let low = coordinates.clone().fold(f64::INFINITY, f64::min);
-        (low, coordinates.fold(f64::NEG_INFINITY, f64::max))
-    };
-    let extents = [extent(0), extent(1), extent(2)];
-    let plane = |axis: usize| (axis, 0.5 * (extents[axis].0 + extents[axis].1));
-    let diagonal = extents.iter().map(|(low, high)| (high - low).powi(2)).sum::<f64>().sqrt();
-    let asymmetry = |axis: usize| {
-        let distance = |p: &[f64; 3]| nearest.nearest(reflected(*p, plane(axis))).map(|(_, d)| d);
-        let mut all: Vec<f64> = points.iter().filter_map(distance).collect();
-        let middle = all.len() / 2;
-        if all.is_empty() { f64::INFINITY } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
-    };
-    match wanted {
-        Mirror::Never => None,
-        Mirror::X => Some(plane(0)),
-        Mirror::Y => Some(plane(1)),
-        Mirror::Z => Some(plane(2)),
-        Mirror::Auto => (0..3)
-            .map(|axis| (axis, asymmetry(axis)))
-            .min_by(|a, b| a.1.total_cmp(&b.1))
-            .filter(|(_, a)| *a <= SYMMETRIC * diagonal)
-            .map(|(axis, _)| plane(axis)),
-    }
 }

@@ -3,11 +3,13 @@
 pub mod cut;
 pub mod eigensolve;
 pub mod evaluate_match;
+pub mod evaluate_repeatability;
 pub mod feature;
 pub mod iqp_match;
 pub mod laplacian;
 pub mod load;
 pub mod maxima;
+pub mod orient_match;
 pub mod patch_extract;
 pub mod patch_spectrum;
 pub mod reconstruct;
@@ -15,6 +17,7 @@ pub mod reconstruction_energy;
 pub mod shuffle;
 pub mod simplify;
 pub mod synthesize;
+pub mod truth;
 
 use salient_sdk::AnyNode;
 
@@ -23,10 +26,12 @@ pub static NODES: &[&dyn AnyNode] = &[
     &cut::Cut,
     &eigensolve::Eigensolve,
     &evaluate_match::EvaluateMatch,
+    &evaluate_repeatability::EvaluateRepeatability,
     &iqp_match::IqpMatch,
     &laplacian::Laplacian,
     &load::Load,
     &maxima::Maxima,
+    &orient_match::OrientMatch,
     &patch_extract::PatchExtract,
     &patch_spectrum::PatchSpectrum,
     &reconstruct::Reconstruct,

@@ -52,7 +52,10 @@ fn every_graph_plans() {
                 let plan = real.json(&["plan", PAIR, "--json", &a, &b]);
                 assert_eq!(plan["calls"].as_array().unwrap().len(), 8, "both sides are one");
             }
-            "evaluate_pair.ron" => assert!(!real.ok(&["check", &name, &a, &b, &template]).is_empty()),
+            "literal.ron" | "corrected.ron" | "robust.ron" => assert!(!real.ok(&["check", &name, &a, &b]).is_empty()),
+            "evaluate_pair.ron" | "evaluate_part.ron" => {
+                assert!(!real.ok(&["check", &name, &a, &b, &template]).is_empty())
+            }
             // A subgraph is called by others.
             "salient_features.ron" => {
                 let stderr = real.fails(2, &["run", &name]);
@@ -68,13 +71,17 @@ fn every_graph_plans() {
         names.push(name);
     }
     for expected in [
+        "corrected",
         "evaluate_pair",
+        "evaluate_part",
+        "literal",
         "match_pair",
         "partial_match",
         "quickstart",
         "radius_variants",
         "readings",
         "reconstruction",
+        "robust",
         "salient_features",
     ] {
         assert!(names.contains(&format!("{expected}.ron")), "{names:?}");

@@ -10,7 +10,7 @@ use salient_sdk::{AnyArtefact, Mesh, NodeError};
 
 use crate::{creature, defaults, features, matched, run, shapes, shuffled};
 
-fn pairs(of: impl Iterator<Item = (u32, u32)>) -> Arc<Match> {
+pub fn pairs(of: impl Iterator<Item = (u32, u32)>) -> Arc<Match> {
     let pair = |(i, (left_vertex, right_vertex)): (usize, (u32, u32))| Pair {
         left: i,
         right: i,
@@ -31,6 +31,10 @@ fn pairs(of: impl Iterator<Item = (u32, u32)>) -> Arc<Match> {
         features: [n, n],
         candidates: n,
         sigmas: [1.0; 3],
+        stretch: 1.0,
+        twin: None,
+        others: Vec::new(),
+        orientation: None,
     })
 }
 
@@ -62,6 +66,9 @@ fn errors_on_a_flat_square_are_the_distances_there() {
     let plain = e.plain.clone().unwrap();
     assert_eq!((plain.within_5, plain.within_10, plain.within_25), (0.4, 0.6, 0.8));
     assert!((plain.median.unwrap() - 0.08).abs() < 1e-12);
+    // One error of 0, one up to 4, 8 and 20 %; 40 % is off the curve. The area is the mean of what is left of 25 %.
+    assert_eq!([0, 3, 4, 8, 19, 20, 25].map(|i| plain.curve[i]), [0.2, 0.2, 0.4, 0.6, 0.6, 0.8, 0.8]);
+    assert!((plain.auc - (1.0 + 0.84 + 0.68 + 0.2 + 0.0) / 5.0).abs() < 1e-12);
     assert_eq!((e.truth.as_str(), e.symmetric.is_none()), ("shared_index", true));
 }
 
@@ -87,6 +94,25 @@ fn a_match_through_a_renumbering_is_scored_through_it() {
     for mesh in [mesh.clone(), Arc::new(Mesh { reference: None, ..(*mesh).clone() })] {
         let e = evaluate(&m, &mesh, &other, None, Mirror::Never).unwrap();
         assert_eq!(e.plain.clone().unwrap().within_5, 1.0, "{}", e.truth);
+    }
+}
+
+#[test]
+fn meshes_of_different_resolution_are_compared_on_their_faces() {
+    // The same square in 7 x 7 and in 24 x 24 cells: no vertex but the corners has a partner, yet every true place is known exactly.
+    let (fine, coarse) = (shapes::square(24), shapes::square(7));
+    let own = |m: &Arc<Mesh>| Arc::new(Mesh { reference: Some(m.vertices.clone()), ..(**m).clone() });
+    let (fine, coarse) = (own(&fine), own(&coarse));
+    let m = pairs((0..fine.vertices.len() as u32).map(|v| (v, 0)));
+    let e = evaluate(&m, &fine, &coarse, None, Mirror::Never).unwrap();
+    let at = |v: u32| fine.vertices[v as usize];
+    for p in &e.pairs {
+        let straight = at(p.left_vertex).iter().map(|x| x * x).sum::<f64>().sqrt();
+        let error = p.error.unwrap();
+        // Paths over the coarse mesh are up to 5.5 % longer, and interpolation adds up to a fraction of a cell.
+        assert!(error > straight - 1e-9 && error < 1.055 * straight + 0.05, "{error} {straight}");
+        let nearest = coarse.vertices[p.true_vertex.unwrap() as usize];
+        assert!((0..2).all(|i| (nearest[i] - at(p.left_vertex)[i]).abs() <= 1.0 / 7.0));
     }
 }
 

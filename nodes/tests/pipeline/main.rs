@@ -7,7 +7,9 @@ mod evaluate;
 mod features;
 mod invariance;
 mod matching;
+mod orientation;
 mod registry;
+mod repeatability;
 mod shapes;
 mod spectral;
 
