@@ -11,7 +11,7 @@
 
 use std::sync::Arc;
 
-use salient_kernels::geodesic::{Dijkstra, Graph, Metric};
+use salient_kernels::geodesic::{Dijkstra, Graph};
 use salient_sdk::{Artefact, Context, Decoder, Encoder, FormatError, Inputs, Mesh, Node, NodeError, Port, PortValues};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -221,7 +221,7 @@ impl<'a> Shape<'a> {
             let message = format!("{side} feature vertex {} is past the mesh's {n} vertices", f.vertex);
             return Err(NodeError::new(message).help(format!("wire `{side}_mesh` to the mesh of the {side} features")));
         }
-        let graph = Graph::new(&mesh.vertices, &mesh.faces, Metric::Unfolded)
+        let graph = Graph::unfolded(&mesh.vertices, &mesh.faces)
             .map_err(|e| NodeError::new(format!("the {side} mesh has no geodesics: {e}")))?;
         let root = mesh.area().sqrt();
         let fields = cx.map(features, |_, f| {

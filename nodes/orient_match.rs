@@ -13,7 +13,7 @@
 
 use std::sync::Arc;
 
-use salient_kernels::geodesic::{Dijkstra, Graph, Metric};
+use salient_kernels::geodesic::{Dijkstra, Graph};
 use salient_sdk::{Context, Inputs, Mesh, Node, NodeError, Port, PortValues};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -76,7 +76,7 @@ impl Node for OrientMatch {
     fn run(params: &Params, In { matched, left, right }: In, cx: Context) -> Result<Match, NodeError> {
         matched.check_vertices(&left, &right)?;
         let graph = |mesh: &Mesh| {
-            Graph::new(&mesh.vertices, &mesh.faces, Metric::Unfolded)
+            Graph::unfolded(&mesh.vertices, &mesh.faces)
                 .map_err(|e| NodeError::new(format!("a mesh has no geodesics: {e}")))
         };
         let sides = [Shape { graph: graph(&left)?, mesh: &left }, Shape { graph: graph(&right)?, mesh: &right }];

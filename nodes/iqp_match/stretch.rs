@@ -42,7 +42,7 @@ pub(super) fn search(left: &Features, right: &Features, params: &Params, cx: Con
 fn score(left: &Features, right: &Features, params: &Params, log: f64) -> Result<(f64, f64), NodeError> {
     let model = Model::new(left, right, params, log.exp());
     let problem = model.problem(|_| 0.0).map_err(|e| super::unbuildable(&e))?;
-    let limits = Limits { node_limit: 0, root_sweeps: 0, starts: 2, ..Limits::default() };
+    let limits = Limits { node_limit: 0, root_rounds: 0, starts: 2, ..Limits::default() };
     let found = assignment::solve(&problem, &limits, &Control::default()).map_err(super::unsolvable)?;
     let mut ratios = model.log_ratios(&found.candidates, SHORT);
     if ratios.is_empty() {

@@ -61,7 +61,7 @@ pub(super) fn search(model: &Model, chosen: &[usize], objective: f64, cx: Contex
 
 /// The best match under a fine on candidates in `before`, improved without it.
 fn another(model: &Model, before: &[bool], fine: f64, cx: Context) -> Result<Vec<usize>, NodeError> {
-    let limits = Limits { node_limit: 0, root_sweeps: 0, ..Limits::default() };
+    let limits = Limits { node_limit: 0, root_rounds: 0, ..Limits::default() };
     let control = Control { stop: &|| cx.cancelled(), progress: &|_| {} };
     let (mut fined, mut twin) = (before.to_vec(), Vec::new());
     for _ in 0..ROUNDS {

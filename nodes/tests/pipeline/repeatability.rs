@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use salient_kernels::geodesic::{Dijkstra, Graph, Metric};
+use salient_kernels::geodesic::{Dijkstra, Graph};
 use salient_kernels::random::Random;
 use salient_nodes::cut::{self, Cut};
 use salient_nodes::evaluate_repeatability::{self as node, EvaluateRepeatability, Repeatability};
@@ -33,7 +33,7 @@ fn a_shape_repeats_itself_and_chance_is_what_thrown_points_reach() {
     assert_eq!((r.top, r.common), ([15, 15], [15, 15]));
     assert_eq!((r.position.repeated, r.position_scale.repeated), (1.0, 1.0));
     // Vertices thrown by area, and each feature's scale given to them.
-    let graph = Graph::new(&mesh.vertices, &mesh.faces, Metric::Unfolded).unwrap();
+    let graph = Graph::unfolded(&mesh.vertices, &mesh.faces).unwrap();
     let root = mesh.area().sqrt();
     let near: Vec<Vec<f64>> = a.features[..15].iter().map(|f| Dijkstra::new().distances(&graph, &[f.vertex])).collect();
     let areas: Vec<f64> = mesh.faces.iter().map(|f| mesh.face_area(f)).collect();
