@@ -12,7 +12,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-pub static NODES: &[&dyn AnyNode] = &[&Read, &Scale::<1>, &Sign, &Sum, &Fail, &Panics, &Slow, &Bad, &Wide, &Triangle];
+pub static NODES: &[&dyn AnyNode] =
+    &[&Read, &Scale::<1>, &Sign, &Sum, &Product, &Fail, &Panics, &Slow, &Bad, &Wide, &Triangle];
 
 /// Some numbers.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -160,6 +161,22 @@ impl Inputs for Terms {
 
 node!(Sum, "sum", "Adds everything up.", None, Terms, |_, i, _| {
     Ok(numbers(vec![i.terms.iter().flat_map(|(_, x)| &x.values).sum()]))
+});
+
+pub struct Two {
+    left: Arc<Numbers>,
+    right: Arc<Numbers>,
+}
+impl Inputs for Two {
+    const PORTS: &'static [Port] = &[Port::one::<Numbers>("left", "numbers"), Port::one::<Numbers>("right", "numbers")];
+    fn take(from: &mut PortValues) -> Result<Self, NodeError> {
+        Ok(Self { left: from.one("left")?, right: from.one("right")? })
+    }
+}
+
+node!(Product, "product", "Multiplies two sums.", None, Two, |_, i, _| {
+    let sum = |of: &Numbers| of.values.iter().sum::<f64>();
+    Ok(numbers(vec![sum(&i.left), sum(&i.right), sum(&i.left) * sum(&i.right)]))
 });
 
 node!(Fail, "fail", "Fails.", None, X, |_, _, _| { Err(NodeError::new("it is the wrong number").help("use another")) });
