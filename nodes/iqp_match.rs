@@ -206,6 +206,10 @@ impl Artefact for Match {
         };
         Some(Table::new(&columns, self.pairs.iter().map(row).collect()))
     }
+
+    fn differences(&self, other: &Self, surfaces: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
+        crate::differences::matches(self, other, surfaces)
+    }
 }
 
 /// The node.

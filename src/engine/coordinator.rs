@@ -43,6 +43,15 @@ struct Progress {
 /// Lookups first (they are cheap and show what there is to do), then the most urgent call.
 type Rank = (Step, u64, Reverse<NodeIndex>);
 
+/// How a run ended.
+pub(super) struct Ended {
+    pub states: BTreeMap<NodeIndex, State>,
+    /// Calls executed again because their bytes were gone, with a call that needed them.
+    pub evicted: BTreeMap<NodeIndex, NodeIndex>,
+    /// Why the cache failed, if it did.
+    pub fatal: Option<CacheError>,
+}
+
 pub(super) struct Coordinator<'a> {
     shared: &'a Shared<'a>,
     cone: Cone,
@@ -50,6 +59,10 @@ pub(super) struct Coordinator<'a> {
     ready: BinaryHeap<Rank>,
     /// For each key being computed: by whom, and who waits for it.
     in_flight: BTreeMap<Digest, (NodeIndex, Vec<NodeIndex>)>,
+    /// Calls whose output was known but gone, with a call that needed it.
+    evicted: BTreeMap<NodeIndex, NodeIndex>,
+    /// Whether a call failed.
+    broken: bool,
     fatal: Option<CacheError>,
     on_event: &'a mut dyn FnMut(&Event),
 }
@@ -69,8 +82,8 @@ impl<'a> Coordinator<'a> {
             (call, progress)
         };
         let calls = cone.calls().map(progress).collect();
-        let mut it =
-            Self { shared, cone, calls, ready: BinaryHeap::new(), in_flight: BTreeMap::new(), fatal: None, on_event };
+        let (ready, in_flight, evicted) = Default::default();
+        let mut it = Self { shared, cone, calls, ready, in_flight, evicted, broken: false, fatal: None, on_event };
         let sources: Vec<_> = it.cone.calls().filter(|call| it.calls[call].waiting.is_empty()).collect();
         for call in sources {
             it.push(Step::Resolve, call);
@@ -86,19 +99,20 @@ impl<'a> Coordinator<'a> {
         !self.ready.is_empty()
     }
 
-    /// Whether the cache failed, so that going on makes no sense.
+    /// Whether going on makes no sense: the cache failed, or a call did and that is to stop the run.
     pub(super) fn is_stuck(&self) -> bool {
-        self.fatal.is_some()
+        self.fatal.is_some() || (self.broken && self.shared.fail_fast)
     }
 
     pub(super) fn emit(&mut self, event: &Event) {
         (self.on_event)(event);
     }
 
-    /// The states of all calls, and why the cache failed if it did.
-    pub(super) fn finish(self) -> (BTreeMap<NodeIndex, State>, Option<CacheError>) {
+    /// How it all ended.
+    pub(super) fn finish(self) -> Ended {
         let state = |it: Progress| it.state.unwrap_or(State::Cancelled);
-        (self.calls.into_iter().map(|(call, it)| (call, state(it))).collect(), self.fatal)
+        let states = self.calls.into_iter().map(|(call, it)| (call, state(it))).collect();
+        Ended { states, evicted: self.evicted, fatal: self.fatal }
     }
 
     fn push(&mut self, step: Step, call: NodeIndex) {
@@ -225,6 +239,7 @@ impl<'a> Coordinator<'a> {
                 if producer != call {
                     self.at(call).waiting.insert(producer);
                 }
+                self.evicted.entry(producer).or_insert(call);
                 self.force(producer);
             }
         }
@@ -305,6 +320,7 @@ impl<'a> Coordinator<'a> {
             self.at(call).state = Some(State::Cancelled);
             return;
         }
+        self.broken = true;
         let (node, kind) = self.title(call);
         let (message, help) = (error.message.clone(), error.help.clone());
         let files = self.shared.plan.dag[call].files.values().map(|path| path.display().to_string()).collect();

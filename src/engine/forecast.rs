@@ -1,13 +1,14 @@
 //! What a run would do, without running anything.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use petgraph::graph::NodeIndex;
 use serde::Serialize;
 
 use super::cache::{Cache, CacheError};
 use super::cone::Cone;
-use super::history::weights;
+use super::history::Costs;
 use super::key::Ingredients;
 use super::record::Record;
 use super::sources::Sources;
@@ -45,10 +46,10 @@ pub struct Prospect {
     /// What would become of it.
     pub verdict: Verdict,
     /// What its output depends on, without inputs if one of those is not known yet.
-    pub ingredients: Option<Ingredients>,
+    pub ingredients: Option<Arc<Ingredients>>,
     /// Its recorded output.
     pub record: Option<Record>,
-    /// How long it took last time, or calls of its kind did, in seconds.
+    /// How long it took when it was computed, or last time, or calls of its kind did, in seconds.
     pub seconds: Option<f64>,
 }
 
@@ -63,17 +64,25 @@ pub struct Forecast {
 impl Forecast {
     /// Looks every call up.
     pub fn new(plan: &Plan, wanted: &[NodeIndex], cache: &Cache) -> Result<Self, CacheError> {
-        let weights = weights(plan, cache)?;
-        let cone = Cone::of(plan, wanted, &weights);
+        let mut costs = Costs::of(plan, cache)?;
+        let cone = Cone::of(plan, wanted, &costs.weights(plan));
         let sources = Sources::new();
         let order: Vec<_> = cone.calls().collect();
         let mut it = Self { calls: BTreeMap::new(), order };
         for call in it.order.clone() {
-            let seconds = weights.get(&call).copied();
             let prospect = it.prospect(plan, call, cache, &sources)?;
-            it.calls.insert(call, Prospect { seconds, ..prospect });
+            it.calls.insert(call, prospect);
         }
         it.find_evicted(plan, &cone, cache);
+        if it.calls.values().any(|prospect| prospect.verdict == Verdict::Miss) {
+            costs.add_others(cache)?;
+        }
+        for (call, prospect) in &mut it.calls {
+            let recorded = prospect.record.as_ref().map(|record| record.seconds);
+            let whole = prospect.ingredients.as_ref().filter(|_| prospect.verdict == Verdict::Miss);
+            let key = whole.map(|ingredients| ingredients.key());
+            prospect.seconds = recorded.or_else(|| costs.expect(plan, *call, key.as_ref()));
+        }
         Ok(it)
     }
 
@@ -94,16 +103,18 @@ impl Forecast {
         of.dedup();
         if !of.is_empty() {
             let verdict = Verdict::DependsOnMiss { of };
-            return Ok(Prospect { ingredients: Some(own), ..bare(verdict) });
+            return Ok(Prospect { ingredients: Some(Arc::new(own)), ..bare(verdict) });
         }
         let digests: BTreeMap<_, _> = plan
             .dag
             .neighbors_directed(call, petgraph::Direction::Incoming)
             .filter_map(|from| Some((from, digest(from)?)))
             .collect();
-        let ingredients = own.with_inputs(plan, call, |from| digests[&from]);
+        let ingredients = Arc::new(own.with_inputs(plan, call, |from| digests[&from]));
         match lookup(&plan.dag[call], &ingredients.key(), cache, sources) {
             Ok((record, _)) => {
+                let shared = |record: Record| Record { ingredients: ingredients.clone(), ..record };
+                let record = record.map(shared);
                 let verdict = if record.is_some() { Verdict::Hit } else { Verdict::Miss };
                 let ingredients = Some(ingredients);
                 Ok(Prospect { verdict, ingredients, record, seconds: None })

@@ -8,7 +8,7 @@
 //! | [`cache`] | the cache directory: objects and records |
 //! | [`upkeep`] | its size, verification and collection |
 //! | [`running`] | which processes use it now |
-//! | [`history`] | what recent runs did |
+//! | [`history`], `remember` | recent runs with their plans, and how they are remembered |
 //! | [`schedule`] | [`run`]: workers, order, outcome |
 //! | [`event`] | all that a run tells the outside |
 //! | [`forecast`], [`why`] | what a run would do, and why |
@@ -22,6 +22,7 @@ mod held;
 pub mod history;
 pub mod key;
 pub mod record;
+mod remember;
 pub mod running;
 pub mod schedule;
 pub mod sources;

@@ -138,7 +138,8 @@ pub struct Common {
 
 impl Common {
     fn new(one: Arc<Mesh>, other: Arc<Mesh>) -> Self {
-        let same = Arc::ptr_eq(&one, &other) || (one.faces == other.faces && one.vertices.len() == other.vertices.len());
+        let same =
+            Arc::ptr_eq(&one, &other) || (one.faces == other.faces && one.vertices.len() == other.vertices.len());
         let reference = one.reference.is_some() && other.reference.is_some();
         let tolerance = SAME_POINT * one.area().min(other.area()).sqrt();
         Self { meshes: [one, other], same, reference, tolerance }
