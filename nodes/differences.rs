@@ -277,10 +277,15 @@ pub fn matches(one: &Match, other: &Match, surfaces: &Surfaces) -> Vec<Differenc
     });
     let number = Difference::of_number;
     let objective = number("objective", one.objective, other.objective);
-    [pairs, objective, number("bound", one.bound, other.bound), number("gap", one.gap, other.gap)]
-        .into_iter()
-        .flatten()
-        .collect()
+    // The gap of a proved match is rounding, and its bound the objective.
+    let open = |of: fn(&Match) -> f64| if one.proved && other.proved { [0.0, 0.0] } else { [of(one), of(other)] };
+    let ([bound, bound_other], [gap, gap_other]) = (open(|m| m.bound), open(|m| m.gap));
+    let proof = (one.proved != other.proved).then(|| {
+        let say = |proved: bool| if proved { "proved optimal" } else { "not proved" };
+        Difference::new("proof", 1.0, format!("{} -> {}", say(one.proved), say(other.proved)))
+    });
+    let all = [pairs, objective, proof, number("bound", bound, bound_other), number("gap", gap, gap_other)];
+    all.into_iter().flatten().collect()
 }
 
 fn name_pairs(pairs: &[&Pair]) -> String {

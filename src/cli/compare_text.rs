@@ -10,6 +10,8 @@ use crate::compare::{Comparison, NodeDifference};
 
 /// How many nodes at which two sides part are listed.
 const ROOTS: usize = 8;
+/// How many characters a cell has in a line.
+const CELL: usize = 26;
 /// How many addresses that one side alone has are listed.
 const ALONE: usize = 8;
 
@@ -50,15 +52,48 @@ fn columns(found: &Found) -> String {
 
 /// A table in which a row of one cell is a title that makes no column wide.
 fn titled(rows: &[Vec<String>]) -> String {
-    let full: Vec<Vec<String>> = rows.iter().filter(|row| row.len() > 1).cloned().collect();
+    let full: Vec<Vec<String>> = rows.iter().filter(|row| row.len() > 1).flat_map(|row| wrapped(row)).collect();
     let laid = table(&full, 0, &[]);
     let mut lines = laid.lines();
     let mut text = String::new();
     for row in rows {
-        let line = if row.len() > 1 { lines.next().unwrap_or_default() } else { &row[0] };
-        let _ = writeln!(text, "{}", line.trim_end());
+        if let [title] = row.as_slice() {
+            let _ = writeln!(text, "{title}");
+            continue;
+        }
+        for line in lines.by_ref().take(row_height(row)) {
+            let _ = writeln!(text, "{}", line.trim_end());
+        }
     }
     text
+}
+
+/// A row as several, so that no cell but the first is wider than [`CELL`] unless it is one word.
+fn wrapped(row: &[String]) -> Vec<Vec<String>> {
+    let cells: Vec<Vec<String>> =
+        row.iter().enumerate().map(|(i, cell)| if i == 0 { vec![cell.clone()] } else { folded(cell) }).collect();
+    let line = |i: usize| cells.iter().map(|cell| cell.get(i).cloned().unwrap_or_default()).collect();
+    (0..row_height(row)).map(line).collect()
+}
+
+fn row_height(row: &[String]) -> usize {
+    row.iter().skip(1).map(|cell| folded(cell).len()).max().unwrap_or(1).max(1)
+}
+
+fn folded(cell: &str) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in cell.split(' ') {
+        let last = lines.last().map_or(0, |line| line.chars().count());
+        match lines.last_mut() {
+            Some(line) if last == 0 => line.push_str(word),
+            Some(line) if last + 1 + word.chars().count() <= CELL => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
 }
 
 /// What is doubtful about the results of each side.

@@ -10,6 +10,7 @@ use salient_sdk::NodeError;
 
 use super::cache::CacheError;
 use super::cone::Cone;
+use super::estimate::Estimate;
 use super::event::Event;
 use super::key::{Digest, Ingredients};
 use super::record::Record;
@@ -63,6 +64,7 @@ pub(super) struct Coordinator<'a> {
     evicted: BTreeMap<NodeIndex, NodeIndex>,
     /// Whether a call failed.
     broken: bool,
+    estimate: Estimate,
     fatal: Option<CacheError>,
     on_event: &'a mut dyn FnMut(&Event),
 }
@@ -82,8 +84,11 @@ impl<'a> Coordinator<'a> {
             (call, progress)
         };
         let calls = cone.calls().map(progress).collect();
+        let known = |call: NodeIndex| (shared.plan.dag[call].node.kind(), cone.place(call).cost);
+        let estimate = Estimate::new(cone.calls().map(known), shared.jobs);
         let (ready, in_flight, evicted) = Default::default();
-        let mut it = Self { shared, cone, calls, ready, in_flight, evicted, broken: false, fatal: None, on_event };
+        let (broken, fatal) = (false, None);
+        let mut it = Self { shared, cone, calls, ready, in_flight, evicted, broken, estimate, fatal, on_event };
         let sources: Vec<_> = it.cone.calls().filter(|call| it.calls[call].waiting.is_empty()).collect();
         for call in sources {
             it.push(Step::Resolve, call);
@@ -163,6 +168,22 @@ impl<'a> Coordinator<'a> {
                 self.fatal.get_or_insert(error);
             }
         }
+        if self.estimate.is_due() {
+            let (done, calls) = (self.estimate.done(), self.calls.len());
+            self.emit(&Event::Tally { done, calls, remaining: self.estimate.remaining() });
+        }
+    }
+
+    /// Says how a call ended. Outputs that are brought back count only once.
+    fn end(&mut self, call: NodeIndex, state: State) {
+        if self.calls[&call].state.is_none() {
+            let seconds = match &state {
+                State::Computed(record) => Some(record.seconds),
+                _ => None,
+            };
+            self.estimate.settle(self.shared.plan.dag[call].node.kind(), seconds);
+        }
+        self.at(call).state = Some(state);
     }
 
     fn hit(&mut self, call: NodeIndex, ingredients: Arc<Ingredients>, record: Box<Record>) {
@@ -172,7 +193,7 @@ impl<'a> Coordinator<'a> {
         self.release_followers(call);
         let it = self.at(call);
         it.ingredients = Some(ingredients);
-        it.state = Some(State::Hit(record));
+        self.end(call, State::Hit(record));
         if self.cone.place(call).wanted {
             self.push(Step::Load, call);
         } else {
@@ -281,9 +302,8 @@ impl<'a> Coordinator<'a> {
         if let Some(recorded) = before.filter(|before| *before != record.digest) {
             self.emit(&Event::Irreproducible { node, recorded, now: record.digest });
         }
-        let it = self.at(call);
-        it.forced = false;
-        it.state = Some(State::Computed(record));
+        self.at(call).forced = false;
+        self.end(call, State::Computed(record));
         self.settled(call);
     }
 
@@ -317,7 +337,7 @@ impl<'a> Coordinator<'a> {
         self.release_followers(call);
         if error.cancelled && self.shared.stop.load(Ordering::Relaxed) {
             // What rests on it is not done either; nobody is to blame.
-            self.at(call).state = Some(State::Cancelled);
+            self.end(call, State::Cancelled);
             return;
         }
         self.broken = true;
@@ -325,7 +345,7 @@ impl<'a> Coordinator<'a> {
         let (message, help) = (error.message.clone(), error.help.clone());
         let files = self.shared.plan.dag[call].files.values().map(|path| path.display().to_string()).collect();
         self.emit(&Event::Failed { node: node.clone(), kind, files, message, help });
-        self.at(call).state = Some(State::Failed(error));
+        self.end(call, State::Failed(error));
         self.let_go(call);
         self.skip_after(call, &node);
     }
@@ -346,7 +366,7 @@ impl<'a> Coordinator<'a> {
         self.release_followers(call);
         let (node, kind) = self.title(call);
         self.emit(&Event::Skipped { node, kind, because: because.to_owned() });
-        self.at(call).state = Some(State::Skipped(because.to_owned()));
+        self.end(call, State::Skipped(because.to_owned()));
         self.let_go(call);
         self.skip_after(call, because);
     }

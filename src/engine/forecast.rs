@@ -15,6 +15,9 @@ use super::sources::Sources;
 use super::worker::{Halt, lookup};
 use crate::graph::Plan;
 
+/// So few lookups are not worth a thread.
+const SMALL_WAVE: usize = 64;
+
 /// What would become of a call.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(tag = "verdict", rename_all = "snake_case")]
@@ -69,9 +72,9 @@ impl Forecast {
         let sources = Sources::new();
         let order: Vec<_> = cone.calls().collect();
         let mut it = Self { calls: BTreeMap::new(), order };
-        for call in it.order.clone() {
-            let prospect = it.prospect(plan, call, cache, &sources)?;
-            it.calls.insert(call, prospect);
+        for wave in it.waves(&cone) {
+            let found = it.look_up(plan, &wave, cache, &sources)?;
+            it.calls.extend(wave.into_iter().zip(found));
         }
         it.find_evicted(plan, &cone, cache);
         if it.calls.values().any(|prospect| prospect.verdict == Verdict::Miss) {
@@ -84,6 +87,45 @@ impl Forecast {
             prospect.seconds = recorded.or_else(|| costs.expect(plan, *call, key.as_ref()));
         }
         Ok(it)
+    }
+
+    /// Calls by the length of the longest path to them: those of one wave do not rest on each other.
+    fn waves(&self, cone: &Cone) -> Vec<Vec<NodeIndex>> {
+        let (mut depths, mut waves): (BTreeMap<NodeIndex, usize>, Vec<Vec<NodeIndex>>) = Default::default();
+        for call in &self.order {
+            let depth = cone.place(*call).producers.iter().map(|from| depths[from] + 1).max().unwrap_or_default();
+            depths.insert(*call, depth);
+            waves.resize_with(waves.len().max(depth + 1), Vec::new);
+            waves[depth].push(*call);
+        }
+        waves
+    }
+
+    /// Looks up the calls of a wave, on all processors.
+    fn look_up(
+        &self,
+        plan: &Plan,
+        wave: &[NodeIndex],
+        cache: &Cache,
+        sources: &Sources,
+    ) -> Result<Vec<Prospect>, CacheError> {
+        let share = wave.len().div_ceil(salient_sdk::context::processors()).max(SMALL_WAVE);
+        let look = |calls: &[NodeIndex]| -> Result<Vec<Prospect>, CacheError> {
+            calls.iter().map(|call| self.prospect(plan, *call, cache, sources)).collect()
+        };
+        let results: Vec<_> = std::thread::scope(|scope| {
+            let rest: Vec<_> = wave.chunks(share).skip(1).map(|calls| scope.spawn(move || look(calls))).collect();
+            let first = wave.chunks(share).next().map(look);
+            let join = |thread: std::thread::ScopedJoinHandle<'_, _>| {
+                thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+            };
+            first.into_iter().chain(rest.into_iter().map(join)).collect()
+        });
+        let mut found = Vec::with_capacity(wave.len());
+        for result in results {
+            found.extend(result?);
+        }
+        Ok(found)
     }
 
     fn prospect(&self, plan: &Plan, call: NodeIndex, cache: &Cache, sources: &Sources) -> Result<Prospect, CacheError> {

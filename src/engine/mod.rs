@@ -16,6 +16,7 @@
 pub mod cache;
 mod cone;
 mod coordinator;
+mod estimate;
 pub mod event;
 pub mod forecast;
 mod held;

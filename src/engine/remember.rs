@@ -33,11 +33,12 @@ impl Course<'_> {
     /// The record of the run.
     pub(super) fn record(&self, cache: &Cache, elapsed: Duration) -> Result<RunRecord, CacheError> {
         let mut why = self.causes(cache)?;
+        let order = self.order();
         let mut tables = Tables::default();
-        let rank: HashMap<NodeIndex, usize> = self.order.iter().enumerate().map(|(i, call)| (*call, i)).collect();
+        let rank: HashMap<NodeIndex, usize> = order.iter().enumerate().map(|(i, call)| (*call, i)).collect();
         let mut stages: BTreeMap<String, Stage> = BTreeMap::new();
-        let mut calls = Vec::with_capacity(self.order.len());
-        for call in self.order {
+        let mut calls = Vec::with_capacity(order.len());
+        for call in &order {
             let made = self.call(*call, &rank, &mut tables, why.remove(call).unwrap_or_default());
             let stage = stages.entry(self.plan.dag[*call].node.kind().to_owned()).or_default();
             tally(stage, &made);
@@ -110,6 +111,12 @@ impl Course<'_> {
             message,
             why,
         }
+    }
+
+    /// The order of the graph file, which the indices of a plan follow, if it has producers before consumers.
+    fn order(&self) -> Vec<NodeIndex> {
+        let ascending = |call: &NodeIndex| wires(self.plan, *call).iter().all(|(_, from)| from < call);
+        if self.states.keys().all(ascending) { self.states.keys().copied().collect() } else { self.order.to_vec() }
     }
 
     /// Why each call that was executed, or failed, was not in the cache.

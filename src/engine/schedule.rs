@@ -167,6 +167,7 @@ pub fn run(
         cache,
         sources: &sources,
         stop: &stop,
+        jobs,
         fail_fast: options.fail_fast,
         held: Held::new(options.memory),
         loading: cone.calls().map(|call| (call, Mutex::new(()))).collect(),

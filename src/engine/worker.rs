@@ -106,6 +106,7 @@ pub(super) struct Shared<'a> {
     pub cache: &'a Cache,
     pub sources: &'a Sources,
     pub stop: &'a AtomicBool,
+    pub jobs: usize,
     /// Whether the first failure stops the run.
     pub fail_fast: bool,
     pub held: Held,

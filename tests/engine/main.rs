@@ -8,4 +8,5 @@ mod caching;
 mod failures;
 mod lab;
 mod oracle;
+mod remembered;
 mod sharing;
