@@ -35,6 +35,13 @@ pub fn compare(args: &CompareArgs, registry: &Registry) -> Result<(), Fail> {
     let cache = args.cache.open()?;
     let plans = plans(args, registry)?;
     let mut runs = former(args, &plans, &cache)?;
+    let columns = |variants: usize| variants.max(1);
+    let known = runs.iter().map(|(_, run)| columns(run.summary.variants.len())).sum::<usize>();
+    if known + plans.iter().map(|plan| columns(plan.variants.len())).sum::<usize>() < 2 {
+        let message = "there is nothing to compare with: the graph has no two variants, and no run of it is remembered";
+        let help = Some("run it, change it, and then compare; or name another graph, or a run with --run".into());
+        return Err(Fail::Usage { message: message.into(), help });
+    }
     let mut ended = Ok(());
     let cancel = if plans.is_empty() { Cancel::new() } else { listen()? };
     for (graph, plan) in args.graphs.iter().zip(&plans) {
@@ -48,11 +55,6 @@ pub fn compare(args: &CompareArgs, registry: &Registry) -> Result<(), Fail> {
         runs.push((name, outcome.record));
     }
     let all: Vec<Side> = runs.iter().flat_map(|(name, run)| sides(name, run)).collect();
-    if all.len() < 2 {
-        let message = "there is nothing to compare with: the graph has no two variants, and no run of it is remembered";
-        let help = Some("run it, change it, and compare again; or name another graph, or a run with --run".into());
-        return Err(Fail::Usage { message: message.into(), help });
-    }
     let library = Library::new(&cache, registry);
     let depth = if args.json || args.csv.is_some() { Depth::All } else { Depth::PerKind(PER_KIND) };
     let mut pairs = Vec::new();

@@ -63,12 +63,16 @@ fn differences_are_those_between_the_outputs_themselves() {
 
     // Matches and objective.
     let [a, b] = both("match");
-    let ends = |of: &Value| -> BTreeSet<(u64, u64)> {
+    let ends = |of: &Value| -> Vec<(u64, u64)> {
         let pairs = of["pairs"].as_array().unwrap().clone();
         pairs.iter().map(|p| (p["left_vertex"].as_u64().unwrap(), p["right_vertex"].as_u64().unwrap())).collect()
     };
     let told = difference(&found, "match", "matches");
-    assert_eq!(told["details"]["kept"], ends(&a).intersection(&ends(&b)).count());
+    // A vertex may carry several features, so pairs of vertices are counted.
+    let mut left = ends(&b);
+    let kept =
+        ends(&a).iter().filter(|p| left.iter().position(|q| q == *p).map(|at| left.remove(at)).is_some()).count();
+    assert_eq!(told["details"]["kept"], kept);
     let told = difference(&found, "match", "objective");
     assert_eq!(numbers(&told["values"]), [&a, &b].map(|m| m["objective"].as_f64().unwrap()));
 

@@ -136,7 +136,7 @@ fn variants_change_named_values_of_the_graph_and_with_them_its_axes() {
     assert_eq!(param(&deep, "low:end", "offset"), 0.5);
     assert_eq!(deep.show.iter().filter(|shown| shown.address.starts_with("few:")).count(), 2);
     folder.write("main.ron", r#"(format: 1, base: "base.ron", variants: {"w": set({"bye": 1.0})})"#);
-    assert_eq!(folder.errors(), ["override-unmatched @bye@ the graph has no param `bye` | did you mean `by`?"]);
+    assert_eq!(folder.errors(), ["override-unmatched @\"bye\"@ the graph has no param `bye` | did you mean `by`?"]);
 }
 
 #[test]
