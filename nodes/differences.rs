@@ -317,3 +317,31 @@ pub fn evaluations(one: &Evaluation, other: &Evaluation) -> Vec<Difference> {
     all.push(Difference::of_count("matches", one.matched, other.matched));
     all.into_iter().flatten().collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn features_are_paired_one_to_one_and_nearest_first() {
+        // Scales 1 / sqrt(lambda): 0.5 and two within 10 % of it, and one that is not.
+        let one = [Feature::new(7, 1, 4.0, 1.0), Feature::new(7, 2, 4.4, 1.0), Feature::new(9, 3, 9.0, 1.0)];
+        let other = [Feature::new(7, 1, 4.5, 1.0), Feature::new(9, 3, 16.0, 1.0), Feature::new(8, 3, 9.0, 1.0)];
+        assert_eq!(kept(&one, &other, None), [(1, 0)]);
+        let (features, pairs) = feature_sets(&one, &other, &Surfaces::default());
+        let features = features.unwrap();
+        assert_eq!((pairs.len(), features.size), (1, 4.0));
+        assert_eq!(features.text, "1 kept, 2 lost (vertex 7; vertex 9), 2 gained (vertex 9; vertex 8)");
+        assert_eq!(features.details["lost"][0]["k"], 1);
+        let (none, all) = feature_sets(&one, &one, &Surfaces::default());
+        assert!(none.is_none() && all == [(0, 0), (1, 1), (2, 2)]);
+    }
+
+    #[test]
+    fn the_largest_relative_change_is_found_and_zeros_are_equal() {
+        let change = list_change("eigenvalues", "k =", &[0.0, 1.0, 10.0], &[0.0, 1.25, 10.5]).unwrap();
+        assert_eq!((change.size, change.values), (0.2, Some([1.0, 1.25])));
+        assert_eq!(change.text, "largest relative change 0.2 at k = 1: 1 -> 1.25");
+        assert_eq!(list_change("x", "k =", &[1.0], &[1.0, 2.0]), None);
+    }
+}

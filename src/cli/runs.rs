@@ -113,7 +113,7 @@ fn document(entry: &RunEntry, run: &RunRecord) -> String {
         let _ = writeln!(text, "{} {name}{message}", call.outcome.name());
         let mut why = String::new();
         cause_lines(&call.why, 1, &mut why);
-        text.push_str(&why.replace(" (see above)", ""));
+        text.push_str(&why.replace(" changed or may change (see above)", " changed"));
     }
     if all.len() > LISTED {
         let _ = writeln!(text, "and {} more; `--json` lists all", all.len() - LISTED);
@@ -165,5 +165,5 @@ fn explain(args: &RunsArgs, entry: &RunEntry, run: &RunRecord, address: &str) ->
         let _ = writeln!(text, "  {message}");
     }
     cause_lines(&causes, 1, &mut text);
-    print(text.as_bytes())
+    print(text.replace(" changed or may change", " changed").as_bytes())
 }

@@ -1,7 +1,7 @@
 //! Artefacts of recorded runs, read from the cache.
 
 use std::cell::RefCell;
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use salient_sdk::{AnyArtefact, Mesh, Registry, Surfaces};
@@ -58,8 +58,12 @@ impl<'a> Library<'a> {
 
     /// For each port that both calls have wired, the nearest surfaces upward of it.
     pub fn surfaces(&self, sides: [&Side; 2], calls: [usize; 2]) -> Result<Surfaces, CacheError> {
-        let mut surfaces = Surfaces::default();
+        let (mut surfaces, mut seen) = (Surfaces::default(), BTreeSet::new());
         for (port, label, one) in &sides[0].call(calls[0]).inputs {
+            // The first of a port that takes many stands for it.
+            if !seen.insert(port) {
+                continue;
+            }
             let mut others = sides[1].call(calls[1]).inputs.iter();
             let Some((_, _, other)) = others.find(|(p, l, _)| (p, l) == (port, label)) else { continue };
             let (Some(one), Some(other)) = (sides[0].surface(*one), sides[1].surface(*other)) else { continue };

@@ -19,7 +19,7 @@ pub struct Comparison {
     /// Name of the second side.
     pub right: String,
     /// Nodes at which they part: all that they are given is equal, but they are not. The one nearest to the first
-    /// inputs comes first.
+    /// inputs comes first; those whose outputs are equal all the same come last.
     pub diverging: Vec<Divergence>,
     /// How many nodes have equal outputs.
     pub equal: usize,
@@ -88,7 +88,8 @@ pub fn compare(left: &Side, right: &Side, depth: Depth, library: &Library) -> Re
         let (a, b) = (left.call(*l), right.call(*r));
         let differs = a.digest != b.digest || (a.digest.is_none() && a.outcome != b.outcome);
         if let Some(divergence) = divergence([left, right], [*l, *r], address, differs, library)? {
-            roots.push((left.depth(*l), *l, divergence));
+            // What has no effect is not where they part.
+            roots.push((!divergence.effect, left.depth(*l), *l, divergence));
         }
         if !differs {
             it.equal += 1;
@@ -110,8 +111,8 @@ pub fn compare(left: &Side, right: &Side, depth: Depth, library: &Library) -> Re
             note,
         });
     }
-    roots.sort_by_key(|(depth, call, _)| (*depth, *call));
-    it.diverging = roots.into_iter().map(|(_, _, divergence)| divergence).collect();
+    roots.sort_by_key(|(idle, depth, call, _)| (*idle, *depth, *call));
+    it.diverging = roots.into_iter().map(|(_, _, _, divergence)| divergence).collect();
     Ok(it)
 }
 

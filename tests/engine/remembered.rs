@@ -69,7 +69,7 @@ fn every_cause_is_in_the_record_of_the_run() {
     lab.run(&chain(&lab, &Scale::<1>, "3.0"));
     let run = last(&lab);
     let factor = Cause::Param { name: "factor".into(), before: Some(json!(2.0)), now: Some(json!(3.0)) };
-    assert_eq!(causes(&run, "double"), [factor.clone()]);
+    assert_eq!(causes(&run, "double"), std::slice::from_ref(&factor));
     let [Cause::Input { port, from, because, .. }] = &causes(&run, "sign")[..] else { panic!("{run:?}") };
     assert_eq!((port.as_str(), from.as_str(), because.as_slice()), ("x", "double", &[factor][..]));
     assert_eq!(outcome(&run, "total"), RunOutcome::Hit);

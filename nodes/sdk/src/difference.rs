@@ -186,7 +186,7 @@ mod tests {
 
     #[test]
     fn numbers_are_short_and_their_change_relative() {
-        assert_eq!(short(1741.249_269), "1741.25");
+        assert_eq!(short(1_741.249_269), "1741.25");
         assert_eq!(short(0.0), "0");
         assert_eq!(short(12.5), "12.5");
         assert_eq!(short(-0.002), "-0.002");
