@@ -78,9 +78,10 @@ impl Course<'_> {
             State::Skipped(because) => (RunOutcome::Skipped, Some(because.clone())),
             State::Cancelled => (RunOutcome::Cancelled, None),
         };
-        let own = match record {
-            Some(_) => None,
-            None => Ingredients::own(self.plan, call, self.sources).ok(),
+        // Files of calls that were never come to are not looked at now: a run that is stopped ends at once.
+        let own = match state {
+            State::Failed(_) => Ingredients::own(self.plan, call, self.sources).ok(),
+            _ => None,
         };
         let ingredients = record.map(|record| &*record.ingredients).or(own.as_ref());
         let output = it.node.output();
@@ -99,7 +100,10 @@ impl Course<'_> {
         RunCall {
             addresses: it.addresses.clone(),
             kind: tables.kind(kind),
-            params: tables.params(ingredients.map_or_else(|| it.bound.params(), |i| &i.params)),
+            params: match ingredients {
+                Some(ingredients) => tables.params(&ingredients.params),
+                None => tables.params(&Ingredients::params_of(it)),
+            },
             files: ingredients.map(|i| i.files.clone()).unwrap_or_default(),
             inputs,
             outcome,
