@@ -139,6 +139,10 @@ impl Artefact for Eigenpairs {
         let row = |(k, x): (usize, &f64)| vec![k.to_string(), x.to_string()];
         Some(Table::new(&["k", "lambda"], self.values.iter().enumerate().map(row).collect()))
     }
+
+    fn differences(&self, other: &Self, _: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
+        crate::differences::eigenpairs(self, other)
+    }
 }
 
 /// The node.

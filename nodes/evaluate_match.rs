@@ -176,6 +176,10 @@ impl Artefact for Evaluation {
         let columns = ["left_vertex", "right_vertex", "true_vertex", "error", "error_symmetric"];
         Some(Table::new(&columns, self.pairs.iter().map(row).collect()))
     }
+
+    fn differences(&self, other: &Self, _: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
+        crate::differences::evaluations(self, other)
+    }
 }
 
 /// The node.

@@ -120,6 +120,10 @@ impl Artefact for Operator {
         };
         Some(Table::new(&["row", "column", "stiffness"], (0..m.n()).flat_map(entry).collect()))
     }
+
+    fn differences(&self, other: &Self, _: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
+        crate::differences::operators(self, other)
+    }
 }
 
 /// The node.

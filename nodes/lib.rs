@@ -1,6 +1,7 @@
 //! The stages of spectral shape analysis as dataflow nodes, one file each, and the list of them all.
 
 pub mod cut;
+pub mod differences;
 pub mod eigensolve;
 pub mod evaluate_match;
 pub mod evaluate_repeatability;

@@ -90,6 +90,10 @@ impl Artefact for Salient {
     fn table(&self) -> Option<Table> {
         Some(Table::new(&feature::COLUMNS, self.features.iter().map(feature::row).collect()))
     }
+
+    fn differences(&self, other: &Self, surfaces: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
+        crate::differences::maxima(self, other, surfaces)
+    }
 }
 
 /// The node.

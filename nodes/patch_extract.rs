@@ -222,6 +222,10 @@ impl Artefact for Patches {
         };
         Some(Table::new(&columns, self.features.iter().zip(&self.patches).map(row).collect()))
     }
+
+    fn differences(&self, other: &Self, surfaces: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
+        crate::differences::patches(self, other, surfaces)
+    }
 }
 
 fn flat<T: Copy>(patches: &[Patch], of: impl Fn(&Patch) -> &Vec<T>) -> Vec<T> {

@@ -186,6 +186,10 @@ impl Artefact for Features {
         };
         Some(Table { columns, rows: self.features.iter().zip(&self.descriptors).map(row).collect() })
     }
+
+    fn differences(&self, other: &Self, surfaces: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
+        crate::differences::features(self, other, surfaces)
+    }
 }
 
 /// The node.

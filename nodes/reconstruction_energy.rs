@@ -112,6 +112,10 @@ impl Artefact for Energy {
         let row = |i: usize| (0..self.first.len()).map(|c| self.cluster(c)[i].to_string()).collect();
         Some(Table { columns, rows: (0..self.vertices).map(row).collect() })
     }
+
+    fn differences(&self, other: &Self, _: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
+        crate::differences::energies(self, other)
+    }
 }
 
 /// The node.

@@ -90,7 +90,9 @@ pub fn export(artefact: &dyn AnyArtefact, format: Format) -> Result<Vec<u8>, For
     }
 }
 
-fn csv(table: &Table) -> Vec<u8> {
+/// A table as comma-separated values with a header.
+#[must_use]
+pub fn csv(table: &Table) -> Vec<u8> {
     let quote = |cell: &String| {
         if cell.contains(['"', ',', '\n', '\r']) { format!("\"{}\"", cell.replace('"', "\"\"")) } else { cell.clone() }
     };

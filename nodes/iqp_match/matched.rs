@@ -183,6 +183,10 @@ impl Artefact for Match {
         };
         Some(Table::new(&columns, rows.iter().map(row).collect()))
     }
+
+    fn differences(&self, other: &Self, surfaces: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
+        crate::differences::matches(self, other, surfaces)
+    }
 }
 
 impl Match {

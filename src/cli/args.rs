@@ -27,6 +27,10 @@ pub enum Command {
     Check(CheckArgs),
     /// List what a run would find in the cache and what it would compute, and why
     Plan(PlanArgs),
+    /// Compute variants, graphs or a graph and its last run, and show where they part and what follows
+    Compare(CompareArgs),
+    /// List the runs that the cache remembers, or one of them: what it computed, and why
+    Runs(RunsArgs),
     /// Print the plan as a picture
     Graph(GraphArgs),
     /// Document the kinds of node
@@ -62,7 +66,7 @@ pub struct CacheChoice {
     pub dir: Option<PathBuf>,
 }
 
-/// How fast to compute; never changes a result.
+/// How to compute; never changes a result.
 #[derive(Args)]
 pub struct Effort {
     /// How many threads compute [default: one per processor]
@@ -71,6 +75,12 @@ pub struct Effort {
     /// How many gigabytes of outputs are held in memory between nodes; what does not fit is read from the cache again
     #[arg(long, value_name = "GB", default_value = "4", value_parser = gigabytes)]
     pub memory: u64,
+    /// Stop at the first node that fails; what is finished is kept
+    #[arg(long, overrides_with = "keep_going")]
+    pub fail_fast: bool,
+    /// Complete all that does not rest on a failed node [default]
+    #[arg(long, overrides_with = "fail_fast")]
+    pub keep_going: bool,
 }
 
 #[derive(Args)]
@@ -130,6 +140,63 @@ pub struct PlanArgs {
     /// Explain why this node would execute: which param, file, input or version changed, and since when
     #[arg(long, value_name = "NODE")]
     pub why: Option<String>,
+    /// Print one JSON document
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Args)]
+pub struct CompareArgs {
+    /// One graph, whose variants are compared, or else it and its last run; or several graphs
+    #[arg(required_unless_present = "runs")]
+    pub graphs: Vec<PathBuf>,
+    /// Replace a param first, as `run` does; in every graph
+    #[arg(long = "set", value_name = "NAME=RON")]
+    pub sets: Vec<String>,
+    /// Only these variants; repeat it, or separate names by commas
+    #[arg(long = "variant", alias = "variants", value_name = "NAME", value_delimiter = ',')]
+    pub variants: Vec<String>,
+    /// A recorded run, as `salient runs` names it; repeat it to compare runs, or give a graph to compare with
+    #[arg(long = "run", value_name = "RUN")]
+    pub runs: Vec<String>,
+    /// Compare with the graph's last run, even if it has variants
+    #[arg(long, conflicts_with = "runs")]
+    pub last: bool,
+    /// Only pairs with this one
+    #[arg(long, value_name = "NAME")]
+    pub against: Option<String>,
+    #[command(flatten)]
+    pub cache: CacheChoice,
+    #[command(flatten)]
+    pub effort: Effort,
+    /// Print one JSON document, with every differing node
+    #[arg(long, conflicts_with = "csv")]
+    pub json: bool,
+    /// Print the table (one line for each figure and column) or the differences as CSV
+    #[arg(long, value_enum, value_name = "WHAT", num_args = 0..=1, default_missing_value = "table", require_equals = true)]
+    pub csv: Option<CsvOf>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum CsvOf {
+    /// Figures of results and costs of stages
+    Table,
+    /// Differences of pairs
+    Differences,
+}
+
+#[derive(Args)]
+pub struct RunsArgs {
+    /// Only runs of this graph file
+    pub graph: Option<PathBuf>,
+    /// One run: the first digits of its name, `last`, or `last~1` for the one before
+    #[arg(long, value_name = "RUN")]
+    pub run: Option<String>,
+    /// Explain why that run, or the last, executed this node
+    #[arg(long, value_name = "NODE")]
+    pub why: Option<String>,
+    #[command(flatten)]
+    pub cache: CacheChoice,
     /// Print one JSON document
     #[arg(long)]
     pub json: bool,

@@ -8,12 +8,16 @@
 
 mod args;
 mod cache;
+mod compare;
+mod compare_text;
 mod fail;
+mod failures;
 mod nodes;
 mod plan;
 mod progress;
 mod results;
 mod run;
+mod runs;
 mod text;
 
 use std::process::ExitCode;
@@ -50,6 +54,8 @@ fn dispatch(command: Command, registry: &Registry) -> Result<(), Fail> {
         Command::Get(args) => run::get(&args, registry),
         Command::Check(args) => plan::check(&args, registry),
         Command::Plan(args) => plan::plan(&args, registry),
+        Command::Compare(args) => compare::compare(&args, registry),
+        Command::Runs(args) => runs::runs(&args),
         Command::Graph(args) => plan::graph(&args, registry),
         Command::Nodes(args) => nodes::nodes(&args, registry),
         Command::Cache(args) => cache::cache(&args),

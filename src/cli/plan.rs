@@ -181,24 +181,27 @@ fn explain(explanation: &Explanation) -> String {
     };
     let since = if causes == &[Cause::NeverComputed] { String::new() } else { since };
     let mut text = format!("{node} {what}{since}:\n");
-    lines(causes, 1, &mut text);
+    cause_lines(causes, 1, &mut text);
     text
 }
 
-fn lines(causes: &[Cause], depth: usize, text: &mut String) {
+/// Causes as indented lines, each followed by its own.
+pub fn cause_lines(causes: &[Cause], depth: usize, text: &mut String) {
     for cause in causes {
         let _ = writeln!(text, "{}{}", "  ".repeat(depth), line(cause));
         if let Cause::Input { because, .. } = cause {
-            lines(because, depth + 1, text);
+            cause_lines(because, depth + 1, text);
         }
     }
 }
 
-fn line(cause: &Cause) -> String {
+/// A cause in words.
+pub fn line(cause: &Cause) -> String {
     let value = |value: &Option<Value>| value.as_ref().map_or_else(|| "nothing".to_owned(), Value::to_string);
     match cause {
         Cause::NeverComputed => "it was never computed in this cache".into(),
         Cause::FailedBefore { message } => format!("it failed last time: {message}"),
+        Cause::Kind { before, now } => format!("it was a `{before}`, is a `{now}`"),
         Cause::Param { name, before, now } => {
             format!("param `{name}` was {}, is {}", value(before), value(now))
         }

@@ -3,12 +3,15 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::io::{self, IsTerminal, Write};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
-use super::text::{complain, seconds};
+use super::text::{complain, seconds, span};
 use crate::engine::{Cancel, Event, Totals};
+
+/// How often a log says how far the run is.
+const TELL_EVERY: Duration = Duration::from_secs(10);
 
 /// Where events go.
 pub enum Progress {
@@ -17,7 +20,7 @@ pub enum Progress {
     /// One bar for the run and one for each running node, on standard error.
     Bars { all: MultiProgress, whole: ProgressBar, nodes: BTreeMap<String, ProgressBar> },
     /// One line for each node that did not come from the cache, on standard error.
-    Lines,
+    Lines { told: Instant },
 }
 
 impl Progress {
@@ -26,10 +29,10 @@ impl Progress {
             return Self::Json { cancel: cancel.clone(), error: None };
         }
         if !io::stderr().is_terminal() {
-            return Self::Lines;
+            return Self::Lines { told: Instant::now() };
         }
         let all = MultiProgress::new();
-        let whole = all.add(ProgressBar::new(0).with_style(style("{bar:24} {pos}/{len} {wide_msg}")));
+        let whole = all.add(ProgressBar::new(0).with_style(style("{bar:24} {pos}/{len} {elapsed} {wide_msg}")));
         Self::Bars { all, whole, nodes: BTreeMap::new() }
     }
 
@@ -44,8 +47,14 @@ impl Progress {
                 }
             }
             Self::Bars { all, whole, nodes } => bars(all, whole, nodes, event),
-            Self::Lines => {
-                if let Some(line) = line(event) {
+            Self::Lines { told } => {
+                if let Event::Tally { done, calls, remaining } = event {
+                    if told.elapsed() >= TELL_EVERY {
+                        *told = Instant::now();
+                        let left = remaining.map(|s| format!(", about {} left", span(s))).unwrap_or_default();
+                        complain(&format!("{done} of {calls} nodes done{left}"));
+                    }
+                } else if let Some(line) = line(event) {
                     complain(&line);
                 }
             }
@@ -89,6 +98,7 @@ fn bars(all: &MultiProgress, whole: &ProgressBar, nodes: &mut BTreeMap<String, P
                 bar.set_position((fraction * 100.0) as u64);
             }
         }
+        Event::Tally { remaining: Some(seconds), .. } => whole.set_message(format!("about {} left", span(*seconds))),
         Event::Hit { .. } | Event::Skipped { .. } => whole.inc(1),
         Event::Finished { node, .. } | Event::Failed { node, .. } => {
             whole.inc(1);

@@ -9,6 +9,7 @@ use serde_json::json;
 
 use super::args::{CacheChoice, Effort, GetArgs, RunArgs};
 use super::fail::Fail;
+use super::failures;
 use super::plan::{find, load};
 use super::progress::{Progress, json_line, totals};
 use super::results::{result, stages, write};
@@ -36,37 +37,46 @@ impl CacheChoice {
 }
 
 impl Effort {
-    fn options(&self) -> Options {
+    /// As the engine takes it.
+    pub fn options(&self) -> Options {
         let default = Options::default();
         let jobs = self.jobs.map_or(default.jobs, usize::from);
-        Options { jobs, memory: self.memory }
+        Options { jobs, memory: self.memory, fail_fast: self.fail_fast }
     }
 }
 
 /// Stops the run at the first signal and the process at the second.
-fn listen(cancel: &Cancel) -> Result<(), Fail> {
-    let cancel = cancel.clone();
+pub fn listen() -> Result<Cancel, Fail> {
+    let cancel = Cancel::new();
+    let to_stop = cancel.clone();
     let handler = move || {
-        if cancel.is_cancelled() {
+        if to_stop.is_cancelled() {
             std::process::exit(130);
         }
-        cancel.cancel();
+        to_stop.cancel();
         complain("stopping; once more to stop at once");
     };
-    ctrlc::set_handler(handler).map_err(|e| Fail::Lacking(format!("cannot listen for interrupts: {e}")))
+    ctrlc::set_handler(handler).map_err(|e| Fail::Lacking(format!("cannot listen for interrupts: {e}")))?;
+    Ok(cancel)
 }
 
-fn compute(plan: &Plan, wanted: &[NodeIndex], cache: &Cache, effort: &Effort, json: bool) -> Result<Outcome, Fail> {
-    let cancel = Cancel::new();
-    listen(&cancel)?;
-    let mut progress = Progress::new(json, &cancel);
-    let outcome = run_plan(plan, wanted, cache, effort.options(), &cancel, &mut |e| progress.event(e));
+/// Runs a plan and shows its events. Signals stop it by way of `cancel`.
+pub fn compute(
+    plan: &Plan,
+    wanted: &[NodeIndex],
+    cache: &Cache,
+    effort: &Effort,
+    json: bool,
+    cancel: &Cancel,
+) -> Result<Outcome, Fail> {
+    let mut progress = Progress::new(json, cancel);
+    let outcome = run_plan(plan, wanted, cache, effort.options(), cancel, &mut |e| progress.event(e));
     progress.finish()?;
     Ok(outcome?)
 }
 
 /// How the command ends, by how the run did.
-fn verdict(outcome: &Outcome) -> Result<(), Fail> {
+pub fn verdict(outcome: &Outcome) -> Result<(), Fail> {
     match outcome {
         outcome if outcome.complete() => Ok(()),
         outcome if outcome.cancelled => Err(Fail::Interrupted),
@@ -79,7 +89,7 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<(), Fail> {
     let plan = load(&args.graph, registry)?;
     let cache = args.cache.open()?;
     let wanted: Vec<_> = plan.show.iter().map(|shown| shown.call).collect();
-    let outcome = compute(&plan, &wanted, &cache, &args.effort, args.json)?;
+    let outcome = compute(&plan, &wanted, &cache, &args.effort, args.json, &listen()?)?;
     match tell(args, &plan, &outcome, &cache) {
         // A reader who has seen enough does not make a failed run a good one.
         Ok(()) | Err(Fail::Pipe) => verdict(&outcome),
@@ -90,6 +100,7 @@ pub fn run(args: &RunArgs, registry: &Registry) -> Result<(), Fail> {
 /// Prints and writes what a run found.
 fn tell(args: &RunArgs, plan: &Plan, outcome: &Outcome, cache: &Cache) -> Result<(), Fail> {
     let mut lines = Vec::new();
+    let failed = failures::failures(plan, outcome);
     for shown in &plan.show {
         let Some(found) = result(plan, outcome, shown, cache)? else { continue };
         if args.json {
@@ -102,11 +113,14 @@ fn tell(args: &RunArgs, plan: &Plan, outcome: &Outcome, cache: &Cache) -> Result
         }
     }
     if args.json {
-        json_line(&json!({ "event": "results", "results": lines }))?;
+        json_line(&json!({ "event": "results", "results": lines, "failures": failures::json(&failed) }))?;
     } else {
         // Times vary from run to run, so they are not among the results.
         complain(&format!("\n{}", stages(plan, outcome)));
         complain(&totals(&outcome.totals, outcome.seconds));
+        if !failed.is_empty() {
+            complain(failures::text(&failed).trim_end());
+        }
     }
     Ok(())
 }
@@ -118,7 +132,7 @@ pub fn get(args: &GetArgs, registry: &Registry) -> Result<(), Fail> {
     let plan = load(&args.graph, registry)?;
     let call = find(&plan, &args.node)?;
     let cache = args.cache.open()?;
-    let outcome = compute(&plan, &[call], &cache, &args.effort, false)?;
+    let outcome = compute(&plan, &[call], &cache, &args.effort, false, &listen()?)?;
     if let Some(State::Failed(_) | State::Skipped(_) | State::Cancelled) = outcome.states.get(&call) {
         return verdict(&outcome);
     }

@@ -55,6 +55,15 @@ pub fn seconds(seconds: f64) -> String {
     if seconds < 10.0 { format!("{seconds:.3}") } else { format!("{seconds:.1}") }
 }
 
+/// A span of time, roughly.
+pub fn span(seconds: f64) -> String {
+    match seconds.ceil() as u64 {
+        whole @ 0..120 => format!("{whole} s"),
+        whole @ 120..7200 => format!("{} min", whole.div_ceil(60)),
+        whole => format!("{:.1} h", whole as f64 / 3600.0),
+    }
+}
+
 /// A size in decimal units.
 pub fn bytes(bytes: u64) -> String {
     let mut value = bytes as f64;

@@ -3,7 +3,8 @@
 //! ```text
 //! version                         what this directory is
 //! objects/ab/<digest>.safetensors artefacts by the hash of their bytes, checked when read
-//! records/ab/<key>/<reads>.json   what made which artefact (self-checked)
+//! records/ab/<key>.json           what made which artefact (self-checked)
+//! records/ab/<key>/<reads>.json   the same for nodes that found further files, one for each content of those
 //! memo/ab/<group>/<digest>.memo   values of single items by the hash of the file (see [`super::memo`])
 //! runs/<time>-<id>-<graph>.json   what recent runs did (self-checked)
 //! running/<id>                    one file per living process, touched every minute
@@ -158,16 +159,32 @@ impl Cache {
         self.root.join("records").join(&name[..2]).join(name)
     }
 
-    /// Keeps a record under its key.
+    /// Keeps a record under its key. Nearly all nodes find no further files; a folder for each of their records would
+    /// cost more than the record.
     pub fn put_record(&self, record: &Record) -> Result<(), CacheError> {
-        let name = format!("{}.json", record.reads_digest());
-        self.write_sealed(&self.record_dir(&record.ingredients.key()).join(name), record)
+        let dir = self.record_dir(&record.ingredients.key());
+        let path = match record.reads.as_slice() {
+            [] => dir.with_extension("json"),
+            _ => dir.join(format!("{}.json", record.reads_digest())),
+        };
+        self.write_sealed(&path, record)
     }
 
     /// All records of a key, and the paths of damaged ones, which have been removed.
     pub fn records(&self, key: &Digest) -> Result<(Vec<Record>, Vec<PathBuf>), CacheError> {
         let (mut found, mut corrupt) = (Vec::new(), Vec::new());
-        for path in list(&self.record_dir(key))? {
+        let dir = self.record_dir(key);
+        let alone = dir.with_extension("json");
+        match self.sealed(&alone, |record: &Record| record.ingredients.key() == *key)? {
+            Entry::Found(record) => {
+                touch(&alone);
+                // What needs no further files is right whatever they hold.
+                return Ok((vec![record], corrupt));
+            }
+            Entry::Corrupt(path) => corrupt.push(path),
+            Entry::Missing => {}
+        }
+        for path in list(&dir)? {
             match self.sealed(&path, |record: &Record| record.ingredients.key() == *key)? {
                 Entry::Found(record) => {
                     touch(&path);

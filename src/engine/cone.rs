@@ -18,6 +18,8 @@ pub(super) struct Place {
     pub wanted: bool,
     /// Time along the longest path from its start to the end of the run, in seconds.
     pub urgency: f64,
+    /// What it is expected to cost, in seconds, if anything is known.
+    pub cost: Option<f64>,
 }
 
 /// The calls that the wanted results rest on, wanted ones included.
@@ -39,7 +41,8 @@ impl Cone {
             let producers: BTreeSet<_> = plan.dag.neighbors_directed(call, Direction::Incoming).collect();
             left.extend(&producers);
             let wanted = wanted.contains(&call);
-            let place = Place { producers, consumers: BTreeSet::new(), wanted, urgency: 0.0 };
+            let place =
+                Place { producers, consumers: BTreeSet::new(), wanted, urgency: 0.0, cost: cost.get(&call).copied() };
             places.insert(call, place);
         }
         // A plan is acyclic by contract; were it not, the order would miss the cycle's calls and

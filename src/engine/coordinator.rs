@@ -10,6 +10,7 @@ use salient_sdk::NodeError;
 
 use super::cache::CacheError;
 use super::cone::Cone;
+use super::estimate::Estimate;
 use super::event::Event;
 use super::key::{Digest, Ingredients};
 use super::record::Record;
@@ -43,6 +44,15 @@ struct Progress {
 /// Lookups first (they are cheap and show what there is to do), then the most urgent call.
 type Rank = (Step, u64, Reverse<NodeIndex>);
 
+/// How a run ended.
+pub(super) struct Ended {
+    pub states: BTreeMap<NodeIndex, State>,
+    /// Calls executed again because their bytes were gone, with a call that needed them.
+    pub evicted: BTreeMap<NodeIndex, NodeIndex>,
+    /// Why the cache failed, if it did.
+    pub fatal: Option<CacheError>,
+}
+
 pub(super) struct Coordinator<'a> {
     shared: &'a Shared<'a>,
     cone: Cone,
@@ -50,6 +60,11 @@ pub(super) struct Coordinator<'a> {
     ready: BinaryHeap<Rank>,
     /// For each key being computed: by whom, and who waits for it.
     in_flight: BTreeMap<Digest, (NodeIndex, Vec<NodeIndex>)>,
+    /// Calls whose output was known but gone, with a call that needed it.
+    evicted: BTreeMap<NodeIndex, NodeIndex>,
+    /// Whether a call failed.
+    broken: bool,
+    estimate: Estimate,
     fatal: Option<CacheError>,
     on_event: &'a mut dyn FnMut(&Event),
 }
@@ -69,8 +84,11 @@ impl<'a> Coordinator<'a> {
             (call, progress)
         };
         let calls = cone.calls().map(progress).collect();
-        let mut it =
-            Self { shared, cone, calls, ready: BinaryHeap::new(), in_flight: BTreeMap::new(), fatal: None, on_event };
+        let known = |call: NodeIndex| (shared.plan.dag[call].node.kind(), cone.place(call).cost);
+        let estimate = Estimate::new(cone.calls().map(known), shared.jobs);
+        let (ready, in_flight, evicted) = Default::default();
+        let (broken, fatal) = (false, None);
+        let mut it = Self { shared, cone, calls, ready, in_flight, evicted, broken, estimate, fatal, on_event };
         let sources: Vec<_> = it.cone.calls().filter(|call| it.calls[call].waiting.is_empty()).collect();
         for call in sources {
             it.push(Step::Resolve, call);
@@ -86,19 +104,20 @@ impl<'a> Coordinator<'a> {
         !self.ready.is_empty()
     }
 
-    /// Whether the cache failed, so that going on makes no sense.
+    /// Whether going on makes no sense: the cache failed, or a call did and that is to stop the run.
     pub(super) fn is_stuck(&self) -> bool {
-        self.fatal.is_some()
+        self.fatal.is_some() || (self.broken && self.shared.fail_fast)
     }
 
     pub(super) fn emit(&mut self, event: &Event) {
         (self.on_event)(event);
     }
 
-    /// The states of all calls, and why the cache failed if it did.
-    pub(super) fn finish(self) -> (BTreeMap<NodeIndex, State>, Option<CacheError>) {
+    /// How it all ended.
+    pub(super) fn finish(self) -> Ended {
         let state = |it: Progress| it.state.unwrap_or(State::Cancelled);
-        (self.calls.into_iter().map(|(call, it)| (call, state(it))).collect(), self.fatal)
+        let states = self.calls.into_iter().map(|(call, it)| (call, state(it))).collect();
+        Ended { states, evicted: self.evicted, fatal: self.fatal }
     }
 
     fn push(&mut self, step: Step, call: NodeIndex) {
@@ -149,6 +168,22 @@ impl<'a> Coordinator<'a> {
                 self.fatal.get_or_insert(error);
             }
         }
+        if self.estimate.is_due() {
+            let (done, calls) = (self.estimate.done(), self.calls.len());
+            self.emit(&Event::Tally { done, calls, remaining: self.estimate.remaining() });
+        }
+    }
+
+    /// Says how a call ended. Outputs that are brought back count only once.
+    fn end(&mut self, call: NodeIndex, state: State) {
+        if self.calls[&call].state.is_none() {
+            let seconds = match &state {
+                State::Computed(record) => Some(record.seconds),
+                _ => None,
+            };
+            self.estimate.settle(self.shared.plan.dag[call].node.kind(), seconds);
+        }
+        self.at(call).state = Some(state);
     }
 
     fn hit(&mut self, call: NodeIndex, ingredients: Arc<Ingredients>, record: Box<Record>) {
@@ -158,7 +193,7 @@ impl<'a> Coordinator<'a> {
         self.release_followers(call);
         let it = self.at(call);
         it.ingredients = Some(ingredients);
-        it.state = Some(State::Hit(record));
+        self.end(call, State::Hit(record));
         if self.cone.place(call).wanted {
             self.push(Step::Load, call);
         } else {
@@ -225,6 +260,7 @@ impl<'a> Coordinator<'a> {
                 if producer != call {
                     self.at(call).waiting.insert(producer);
                 }
+                self.evicted.entry(producer).or_insert(call);
                 self.force(producer);
             }
         }
@@ -266,9 +302,8 @@ impl<'a> Coordinator<'a> {
         if let Some(recorded) = before.filter(|before| *before != record.digest) {
             self.emit(&Event::Irreproducible { node, recorded, now: record.digest });
         }
-        let it = self.at(call);
-        it.forced = false;
-        it.state = Some(State::Computed(record));
+        self.at(call).forced = false;
+        self.end(call, State::Computed(record));
         self.settled(call);
     }
 
@@ -302,14 +337,15 @@ impl<'a> Coordinator<'a> {
         self.release_followers(call);
         if error.cancelled && self.shared.stop.load(Ordering::Relaxed) {
             // What rests on it is not done either; nobody is to blame.
-            self.at(call).state = Some(State::Cancelled);
+            self.end(call, State::Cancelled);
             return;
         }
+        self.broken = true;
         let (node, kind) = self.title(call);
         let (message, help) = (error.message.clone(), error.help.clone());
         let files = self.shared.plan.dag[call].files.values().map(|path| path.display().to_string()).collect();
         self.emit(&Event::Failed { node: node.clone(), kind, files, message, help });
-        self.at(call).state = Some(State::Failed(error));
+        self.end(call, State::Failed(error));
         self.let_go(call);
         self.skip_after(call, &node);
     }
@@ -330,7 +366,7 @@ impl<'a> Coordinator<'a> {
         self.release_followers(call);
         let (node, kind) = self.title(call);
         self.emit(&Event::Skipped { node, kind, because: because.to_owned() });
-        self.at(call).state = Some(State::Skipped(because.to_owned()));
+        self.end(call, State::Skipped(because.to_owned()));
         self.let_go(call);
         self.skip_after(call, because);
     }

@@ -43,6 +43,15 @@ pub enum Event {
         /// From 0 to 1.
         fraction: f64,
     },
+    /// How far the run is; about once a second.
+    Tally {
+        /// Calls that are settled, in whatever way.
+        done: usize,
+        /// All calls of the run.
+        calls: usize,
+        /// How long the rest may take, in seconds; null while too little is known.
+        remaining: Option<f64>,
+    },
     /// A call was executed and its output kept.
     Finished {
         /// Address of the call.

@@ -1,18 +1,22 @@
 //! What a run would do, without running anything.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use petgraph::graph::NodeIndex;
 use serde::Serialize;
 
 use super::cache::{Cache, CacheError};
 use super::cone::Cone;
-use super::history::weights;
+use super::history::Costs;
 use super::key::Ingredients;
 use super::record::Record;
 use super::sources::Sources;
 use super::worker::{Halt, lookup};
 use crate::graph::Plan;
+
+/// So few lookups are not worth a thread.
+const SMALL_WAVE: usize = 64;
 
 /// What would become of a call.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -45,10 +49,10 @@ pub struct Prospect {
     /// What would become of it.
     pub verdict: Verdict,
     /// What its output depends on, without inputs if one of those is not known yet.
-    pub ingredients: Option<Ingredients>,
+    pub ingredients: Option<Arc<Ingredients>>,
     /// Its recorded output.
     pub record: Option<Record>,
-    /// How long it took last time, or calls of its kind did, in seconds.
+    /// How long it took when it was computed, or last time, or calls of its kind did, in seconds.
     pub seconds: Option<f64>,
 }
 
@@ -63,18 +67,65 @@ pub struct Forecast {
 impl Forecast {
     /// Looks every call up.
     pub fn new(plan: &Plan, wanted: &[NodeIndex], cache: &Cache) -> Result<Self, CacheError> {
-        let weights = weights(plan, cache)?;
-        let cone = Cone::of(plan, wanted, &weights);
+        let mut costs = Costs::of(plan, cache)?;
+        let cone = Cone::of(plan, wanted, &costs.weights(plan));
         let sources = Sources::new();
         let order: Vec<_> = cone.calls().collect();
         let mut it = Self { calls: BTreeMap::new(), order };
-        for call in it.order.clone() {
-            let seconds = weights.get(&call).copied();
-            let prospect = it.prospect(plan, call, cache, &sources)?;
-            it.calls.insert(call, Prospect { seconds, ..prospect });
+        for wave in it.waves(&cone) {
+            let found = it.look_up(plan, &wave, cache, &sources)?;
+            it.calls.extend(wave.into_iter().zip(found));
         }
         it.find_evicted(plan, &cone, cache);
+        if it.calls.values().any(|prospect| prospect.verdict == Verdict::Miss) {
+            costs.add_others(cache)?;
+        }
+        for (call, prospect) in &mut it.calls {
+            let recorded = prospect.record.as_ref().map(|record| record.seconds);
+            let whole = prospect.ingredients.as_ref().filter(|_| prospect.verdict == Verdict::Miss);
+            let key = whole.map(|ingredients| ingredients.key());
+            prospect.seconds = recorded.or_else(|| costs.expect(plan, *call, key.as_ref()));
+        }
         Ok(it)
+    }
+
+    /// Calls by the length of the longest path to them: those of one wave do not rest on each other.
+    fn waves(&self, cone: &Cone) -> Vec<Vec<NodeIndex>> {
+        let (mut depths, mut waves): (BTreeMap<NodeIndex, usize>, Vec<Vec<NodeIndex>>) = Default::default();
+        for call in &self.order {
+            let depth = cone.place(*call).producers.iter().map(|from| depths[from] + 1).max().unwrap_or_default();
+            depths.insert(*call, depth);
+            waves.resize_with(waves.len().max(depth + 1), Vec::new);
+            waves[depth].push(*call);
+        }
+        waves
+    }
+
+    /// Looks up the calls of a wave, on all processors.
+    fn look_up(
+        &self,
+        plan: &Plan,
+        wave: &[NodeIndex],
+        cache: &Cache,
+        sources: &Sources,
+    ) -> Result<Vec<Prospect>, CacheError> {
+        let share = wave.len().div_ceil(salient_sdk::context::processors()).max(SMALL_WAVE);
+        let look = |calls: &[NodeIndex]| -> Result<Vec<Prospect>, CacheError> {
+            calls.iter().map(|call| self.prospect(plan, *call, cache, sources)).collect()
+        };
+        let results: Vec<_> = std::thread::scope(|scope| {
+            let rest: Vec<_> = wave.chunks(share).skip(1).map(|calls| scope.spawn(move || look(calls))).collect();
+            let first = wave.chunks(share).next().map(look);
+            let join = |thread: std::thread::ScopedJoinHandle<'_, _>| {
+                thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+            };
+            first.into_iter().chain(rest.into_iter().map(join)).collect()
+        });
+        let mut found = Vec::with_capacity(wave.len());
+        for result in results {
+            found.extend(result?);
+        }
+        Ok(found)
     }
 
     fn prospect(&self, plan: &Plan, call: NodeIndex, cache: &Cache, sources: &Sources) -> Result<Prospect, CacheError> {
@@ -94,16 +145,18 @@ impl Forecast {
         of.dedup();
         if !of.is_empty() {
             let verdict = Verdict::DependsOnMiss { of };
-            return Ok(Prospect { ingredients: Some(own), ..bare(verdict) });
+            return Ok(Prospect { ingredients: Some(Arc::new(own)), ..bare(verdict) });
         }
         let digests: BTreeMap<_, _> = plan
             .dag
             .neighbors_directed(call, petgraph::Direction::Incoming)
             .filter_map(|from| Some((from, digest(from)?)))
             .collect();
-        let ingredients = own.with_inputs(plan, call, |from| digests[&from]);
+        let ingredients = Arc::new(own.with_inputs(plan, call, |from| digests[&from]));
         match lookup(&plan.dag[call], &ingredients.key(), cache, sources) {
             Ok((record, _)) => {
+                let shared = |record: Record| Record { ingredients: ingredients.clone(), ..record };
+                let record = record.map(shared);
                 let verdict = if record.is_some() { Verdict::Hit } else { Verdict::Miss };
                 let ingredients = Some(ingredients);
                 Ok(Prospect { verdict, ingredients, record, seconds: None })

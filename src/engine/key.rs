@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::sources::Sources;
-use crate::graph::Plan;
+use crate::graph::{Call, Plan};
 
 /// Version of how keys are made; bumped whenever [`Ingredients::key`] changes.
 const KEY_FORMAT: u32 = 1;
@@ -137,16 +137,12 @@ impl Ingredients {
     /// The error says which input file cannot be read.
     pub fn own(plan: &Plan, call: NodeIndex, sources: &Sources) -> Result<Self, NodeError> {
         let it = &plan.dag[call];
-        let mut params = it.bound.params().clone();
         let mut files = BTreeMap::new();
         for (param, path) in &it.files {
             let digest = sources.digest(path)?.ok_or_else(|| sources.absent(path))?;
             files.insert(param.clone(), FileIngredient { digest, path: path.display().to_string() });
-            if let Some(Value::String(text)) = params.get_mut(param) {
-                *text = FileParam(std::mem::take(text)).extension();
-            }
         }
-        let output = it.node.output();
+        let (params, output) = (Self::params_of(it), it.node.output());
         Ok(Self {
             kind: it.node.kind().to_owned(),
             version: it.node.version(),
@@ -156,6 +152,18 @@ impl Ingredients {
             files,
             inputs: Vec::new(),
         })
+    }
+
+    /// The typed params of a call, a file param as its extension.
+    #[must_use]
+    pub fn params_of(call: &Call) -> Value {
+        let mut params = call.bound.params().clone();
+        for param in call.files.keys() {
+            if let Some(Value::String(text)) = params.get_mut(param) {
+                *text = FileParam(std::mem::take(text)).extension();
+            }
+        }
+        params
     }
 
     /// Adds the inputs, given the content of each producer's output.

@@ -9,7 +9,7 @@
 //! | [`memo`] | values of single items, remembered between executions |
 //! | [`upkeep`] | its size, verification and collection |
 //! | [`running`] | which processes use it now |
-//! | [`history`] | what recent runs did |
+//! | [`history`], `remember` | recent runs with their plans, and how they are remembered |
 //! | [`schedule`] | [`run`]: workers, order, outcome |
 //! | [`event`] | all that a run tells the outside |
 //! | [`forecast`], [`why`] | what a run would do, and why |
@@ -17,6 +17,7 @@
 pub mod cache;
 mod cone;
 mod coordinator;
+mod estimate;
 pub mod event;
 pub mod forecast;
 mod held;
@@ -24,6 +25,7 @@ pub mod history;
 pub mod key;
 pub mod memo;
 pub mod record;
+mod remember;
 pub mod running;
 pub mod schedule;
 pub mod sources;

@@ -1,6 +1,7 @@
 //! What the cache remembers of a computed output: all it was made from, for `--why` too.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use salient_sdk::{Defect, NodeError};
 use serde::de::DeserializeOwned;
@@ -34,7 +35,7 @@ pub fn beside(call: &Call, param: &str, relative: &str) -> Option<PathBuf> {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     /// What the key was made of.
-    pub ingredients: Ingredients,
+    pub ingredients: Arc<Ingredients>,
     /// Files discovered while running, sorted.
     pub reads: Vec<Read>,
     /// Hash of the output's bytes, by which its object is found.

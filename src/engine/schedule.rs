@@ -17,12 +17,13 @@ use salient_sdk::{AnyArtefact, NodeError};
 
 use super::cache::{Cache, CacheError, Entry};
 use super::cone::Cone;
-use super::coordinator::Coordinator;
+use super::coordinator::{Coordinator, Ended};
 use super::event::{Event, Totals};
 use super::held::Held;
-use super::history::{RunRecord, weights};
+use super::history::{Costs, RunRecord};
 use super::key::Digest;
 use super::record::Record;
+use super::remember::Course;
 use super::running::Running;
 use super::sources::Sources;
 use super::worker::{Job, Permits, Report, Shared, millis};
@@ -31,18 +32,20 @@ use crate::graph::Plan;
 /// How often the coordinator looks whether it was cancelled.
 const TICK: Duration = Duration::from_millis(50);
 
-/// What changes how fast a run is, never what it finds.
+/// How a run is done; never what it finds.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// How many threads compute, at least one.
     pub jobs: usize,
     /// How many bytes of artefacts are held in memory between calls.
     pub memory: u64,
+    /// Stop at the first failure, rather than complete what does not rest on it.
+    pub fail_fast: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { jobs: salient_sdk::context::processors(), memory: 4 << 30 }
+        Self { jobs: salient_sdk::context::processors(), memory: 4 << 30, fail_fast: false }
     }
 }
 
@@ -105,6 +108,8 @@ pub struct Outcome {
     pub seconds: f64,
     /// Whether the run was stopped.
     pub cancelled: bool,
+    /// The run as it is remembered.
+    pub record: RunRecord,
     held: Held,
 }
 
@@ -146,7 +151,8 @@ pub fn run(
 ) -> Result<Outcome, CacheError> {
     let (started, clock) = (SystemTime::now(), Instant::now());
     let mut running = Running::register(cache)?;
-    let cone = Cone::of(plan, wanted, &weights(plan, cache)?);
+    let cone = Cone::of(plan, wanted, &Costs::of(plan, cache)?.weights(plan));
+    let order: Vec<_> = cone.calls().collect();
     let jobs = options.jobs.max(1);
     on_event(&Event::RunStarted {
         graph: plan.file.display().to_string(),
@@ -161,6 +167,8 @@ pub fn run(
         cache,
         sources: &sources,
         stop: &stop,
+        jobs,
+        fail_fast: options.fail_fast,
         held: Held::new(options.memory),
         loading: cone.calls().map(|call| (call, Mutex::new(()))).collect(),
         permits: Permits::new(jobs),
@@ -176,17 +184,20 @@ pub fn run(
         }
         drive(&mut coordinator, &shared, &job_out, &inbox, cancel, &mut running);
     });
-    let (states, fatal) = coordinator.finish();
-    let totals = count(&states);
-    let seconds = clock.elapsed().as_secs_f64();
-    let record = RunRecord::new(plan, &states, millis(started), seconds);
-    let held = shared.held;
+    let Ended { states, evicted, fatal } = coordinator.finish();
     if let Some(error) = fatal {
         return Err(error);
     }
+    let totals = count(&states);
+    let when = millis(started);
+    let course =
+        Course { plan, wanted, order: &order, states: &states, evicted: &evicted, sources: &sources, when, jobs };
+    let record = course.record(cache, clock.elapsed())?;
     record.write(cache)?;
+    let seconds = clock.elapsed().as_secs_f64();
+    let held = shared.held;
     on_event(&Event::RunFinished { totals, seconds });
-    Ok(Outcome { states, totals, seconds, cancelled: cancel.is_cancelled(), held })
+    Ok(Outcome { states, totals, seconds, cancelled: cancel.is_cancelled(), record, held })
 }
 
 /// Hands out jobs and takes in reports until there is nothing left to do.
@@ -232,7 +243,7 @@ fn drive(
     }
 }
 
-fn count(states: &BTreeMap<NodeIndex, State>) -> Totals {
+pub(super) fn count(states: &BTreeMap<NodeIndex, State>) -> Totals {
     let mut totals = Totals::default();
     for state in states.values() {
         *match state {

@@ -1,26 +1,27 @@
 //! Why a call is not in the cache: what changed, since when, back to the file or param that did it.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::sync::Arc;
 
 use petgraph::graph::NodeIndex;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::cache::{Cache, CacheError};
 use super::forecast::{Forecast, Verdict};
 use super::history::{RunOutcome, RunRecord};
-use super::key::{Ingredients, wires};
-use super::record::Record;
+use super::key::{Digest, Ingredients, wires};
+use super::schedule::State;
 use super::sources::Sources;
 use crate::graph::Plan;
 
 /// How many changed inputs of one call are followed up.
 const MAX_INPUTS: usize = 5;
-/// How many records of a kind are compared when the graph has not run before.
-const MAX_RECORDS: usize = 200;
+/// How many calls of a kind are compared when the graph has not run before.
+const MAX_NEAREST: usize = 200;
 
 /// One thing that is not as it was.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "cause", rename_all = "snake_case")]
 pub enum Cause {
     /// Nothing like it was ever computed in this cache.
@@ -29,6 +30,13 @@ pub enum Cause {
     FailedBefore {
         /// What it said.
         message: String,
+    },
+    /// The address means a node of another kind.
+    Kind {
+        /// Then.
+        before: String,
+        /// Now.
+        now: String,
     },
     /// A param has another value. For a file param this is the extension.
     Param {
@@ -63,7 +71,7 @@ pub enum Cause {
         label: String,
         /// Address of the producer now.
         from: String,
-        /// Why that is; empty if it was said before.
+        /// Why that is; empty if it was said before, and in the record of a run, where it is said of the producer.
         because: Vec<Cause>,
     },
     /// More inputs changed than are listed.
@@ -125,8 +133,9 @@ pub struct Explanation {
 /// Explains what would become of a call that is in the forecast.
 pub fn why(plan: &Plan, forecast: &Forecast, call: NodeIndex, cache: &Cache) -> Result<Explanation, CacheError> {
     let verdict = forecast.calls[&call].verdict.clone();
-    let runs: Vec<_> = cache.runs(Some(&plan.file))?.collect();
-    let mut inquiry = Inquiry { plan, forecast, cache, runs, sources: Sources::new(), seen: BTreeSet::new() };
+    let runs = cache.recent(&plan.file)?;
+    let sources = Sources::new();
+    let mut inquiry = Inquiry::new(plan, forecast, cache, &runs, &sources);
     let causes = match &verdict {
         Verdict::Hit => Vec::new(),
         _ => inquiry.causes(call)?,
@@ -135,85 +144,155 @@ pub fn why(plan: &Plan, forecast: &Forecast, call: NodeIndex, cache: &Cache) -> 
     Ok(Explanation { node: plan.name(call).to_owned(), verdict, since, causes })
 }
 
+/// What is known of the calls now.
+trait Now {
+    /// What the output depends on, without inputs that are not known yet.
+    fn ingredients(&self, call: NodeIndex) -> Option<Arc<Ingredients>>;
+    /// Hash of the output, if it is known.
+    fn digest(&self, call: NodeIndex) -> Option<Digest>;
+    /// What would become of it, before a run.
+    fn verdict(&self, call: NodeIndex) -> Option<&Verdict>;
+}
+
+impl Now for Forecast {
+    fn ingredients(&self, call: NodeIndex) -> Option<Arc<Ingredients>> {
+        self.calls[&call].ingredients.clone()
+    }
+    fn digest(&self, call: NodeIndex) -> Option<Digest> {
+        self.calls[&call].record.as_ref().map(|record| record.digest)
+    }
+    fn verdict(&self, call: NodeIndex) -> Option<&Verdict> {
+        Some(&self.calls[&call].verdict)
+    }
+}
+
+/// The calls as a run has left them.
+struct Ended<'a> {
+    plan: &'a Plan,
+    states: &'a BTreeMap<NodeIndex, State>,
+    sources: &'a Sources,
+}
+
+impl Now for Ended<'_> {
+    fn ingredients(&self, call: NodeIndex) -> Option<Arc<Ingredients>> {
+        if let Some(record) = self.states.get(&call)?.record() {
+            return Some(record.ingredients.clone());
+        }
+        let own = Ingredients::own(self.plan, call, self.sources).ok()?;
+        let digests: Option<HashMap<_, _>> =
+            wires(self.plan, call).into_iter().map(|(_, from)| Some((from, self.digest(from)?))).collect();
+        let digests = digests?;
+        Some(Arc::new(own.with_inputs(self.plan, call, |from| digests[&from])))
+    }
+    fn digest(&self, call: NodeIndex) -> Option<Digest> {
+        self.states.get(&call)?.record().map(|record| record.digest)
+    }
+    fn verdict(&self, _: NodeIndex) -> Option<&Verdict> {
+        None
+    }
+}
+
+/// Why the calls of a run were executed, asked after it.
+pub(super) struct Hindsight<'a> {
+    now: Ended<'a>,
+    cache: &'a Cache,
+    runs: Vec<RunRecord>,
+}
+
+impl<'a> Hindsight<'a> {
+    pub(super) fn new(
+        plan: &'a Plan,
+        states: &'a BTreeMap<NodeIndex, State>,
+        sources: &'a Sources,
+        cache: &'a Cache,
+    ) -> Result<Self, CacheError> {
+        let runs = cache.recent(&plan.file)?;
+        Ok(Self { now: Ended { plan, states, sources }, cache, runs })
+    }
+
+    /// The causes of each of these calls. A changed input is named, and its own cause is that of its producer.
+    pub(super) fn all(
+        &self,
+        calls: impl Iterator<Item = NodeIndex>,
+    ) -> Result<BTreeMap<NodeIndex, Vec<Cause>>, CacheError> {
+        let mut inquiry = Inquiry::new(self.now.plan, &self.now, self.cache, &self.runs, self.now.sources);
+        inquiry.hindsight = true;
+        calls.map(|call| Ok((call, inquiry.causes(call)?))).collect()
+    }
+}
+
 struct Inquiry<'a> {
     plan: &'a Plan,
-    forecast: &'a Forecast,
+    now: &'a dyn Now,
     cache: &'a Cache,
-    /// Runs of this graph file, latest first.
-    runs: Vec<RunRecord>,
-    sources: Sources,
+    /// Runs of this graph file, latest first, with the calls of their addresses.
+    runs: Vec<(&'a RunRecord, HashMap<&'a str, usize>)>,
+    /// Calls of other graphs' runs by kind, read when first needed.
+    others: Option<HashMap<String, Vec<Ingredients>>>,
+    sources: &'a Sources,
     seen: BTreeSet<NodeIndex>,
+    /// Whether the run is over: each call's own causes are enough.
+    hindsight: bool,
 }
 
 /// What a call is compared with.
 struct Before {
-    record: Option<Record>,
+    ingredients: Option<Ingredients>,
+    /// Key and output of that time, by which its record is found.
+    output: Option<(Digest, Digest)>,
     /// The message of its failure.
     failed: Option<String>,
     /// When the run was, if it is one of this graph.
     when: Option<u64>,
 }
 
-impl Inquiry<'_> {
-    /// The latest run of this graph in which the call came to something, else the nearest record of
-    /// its kind.
-    fn before(&self, call: NodeIndex) -> Result<Option<Before>, CacheError> {
-        let mut failed = None;
-        for run in &self.runs {
-            let addresses = &self.plan.dag[call].addresses;
-            let Some(then) = addresses.iter().find_map(|address| run.call(address)) else {
-                continue;
-            };
-            if then.outcome == RunOutcome::Failed {
-                failed.get_or_insert((then.message.clone().unwrap_or_default(), run.when));
-            }
-            let Some(key) = then.key else { continue };
-            let found = self.cache.records(&key)?.0;
-            let record = found.into_iter().find(|record| Some(record.digest) == then.digest);
-            let failed = failed.map(|(message, _)| message);
-            return Ok(Some(Before { record, failed, when: Some(run.when) }));
-        }
-        let nearest = self.nearest(call)?;
-        Ok(match (nearest, failed) {
-            (record, Some((message, when))) => Some(Before { record, failed: Some(message), when: Some(when) }),
-            (Some(record), None) => Some(Before { record: Some(record), failed: None, when: None }),
-            (None, None) => None,
-        })
+impl<'a> Inquiry<'a> {
+    fn new(plan: &'a Plan, now: &'a dyn Now, cache: &'a Cache, runs: &'a [RunRecord], sources: &'a Sources) -> Self {
+        let runs = runs.iter().map(|run| (run, run.body.addresses())).collect();
+        Self { plan, now, cache, runs, others: None, sources, seen: BTreeSet::new(), hindsight: false }
     }
 
-    /// The record of the call's kind, from any recent run, that differs from it in the fewest things.
-    fn nearest(&self, call: NodeIndex) -> Result<Option<Record>, CacheError> {
-        let Some(now) = &self.forecast.calls[&call].ingredients else { return Ok(None) };
-        let mut keys = Vec::new();
-        for run in self.cache.runs(None)? {
-            let of_kind = run.calls.into_iter().filter(|then| then.kind == now.kind);
-            keys.extend(of_kind.filter_map(|then| then.key));
-            if keys.len() >= MAX_RECORDS {
-                break;
+    /// The latest run of this graph in which the call came to something, else the nearest call of its kind.
+    fn before(&mut self, call: NodeIndex) -> Result<Option<Before>, CacheError> {
+        let mut failed = None;
+        for (run, index) in &self.runs {
+            let addresses = &self.plan.dag[call].addresses;
+            let Some(at) = addresses.iter().find_map(|address| index.get(address.as_str()).copied()) else {
+                continue;
+            };
+            let (then, when) = (&run.body.calls[at], run.summary.when);
+            if then.outcome == RunOutcome::Failed {
+                failed.get_or_insert((then.message.clone().unwrap_or_default(), when));
             }
+            let Some(output) = then.key.zip(then.digest) else { continue };
+            let failed = failed.map(|(message, _)| message);
+            let ingredients = Some(run.body.ingredients(at));
+            return Ok(Some(Before { ingredients, output: Some(output), failed, when: Some(when) }));
         }
-        let distinct: BTreeSet<_> = keys.into_iter().take(MAX_RECORDS).collect();
-        let mut best: Option<(usize, Record)> = None;
-        for key in distinct {
-            for record in self.cache.records(&key)?.0 {
-                let distance = distance(&record.ingredients, now);
-                if best.as_ref().is_none_or(|(least, _)| distance < *least) {
-                    best = Some((distance, record));
-                }
-            }
+        let nearest = if self.hindsight { None } else { self.nearest(call)? };
+        let (failed, when) = failed.map_or((None, None), |(message, when)| (Some(message), Some(when)));
+        let found = nearest.is_some() || failed.is_some();
+        Ok(found.then_some(Before { ingredients: nearest, output: None, failed, when }))
+    }
+
+    /// The call of the same kind, in any recent run, that differs in the fewest things.
+    fn nearest(&mut self, call: NodeIndex) -> Result<Option<Ingredients>, CacheError> {
+        let Some(now) = self.now.ingredients(call) else { return Ok(None) };
+        if self.others.is_none() {
+            self.others = Some(self.cache.computed()?);
         }
-        Ok(best.map(|(_, record)| record))
+        let of_kind = self.others.as_ref().and_then(|others| others.get(&now.kind));
+        let nearest = of_kind.into_iter().flatten().min_by_key(|then| distance(then, &now));
+        Ok(nearest.cloned())
     }
 
     fn causes(&mut self, call: NodeIndex) -> Result<Vec<Cause>, CacheError> {
         self.seen.insert(call);
-        let forecast = self.forecast;
-        let prospect = &forecast.calls[&call];
-        match &prospect.verdict {
-            Verdict::Unreadable { message } => {
+        match self.now.verdict(call) {
+            Some(Verdict::Unreadable { message }) => {
                 return Ok(vec![Cause::Unreadable { message: message.clone() }]);
             }
-            Verdict::Evicted { needed_by } => {
+            Some(Verdict::Evicted { needed_by }) => {
                 return Ok(vec![Cause::Evicted { needed_by: needed_by.clone() }]);
             }
             _ => {}
@@ -221,10 +300,17 @@ impl Inquiry<'_> {
         let Some(before) = self.before(call)? else { return Ok(vec![Cause::NeverComputed]) };
         let mut causes = Vec::new();
         causes.extend(before.failed.map(|message| Cause::FailedBefore { message }));
-        if let (Some(then), Some(now)) = (&before.record, &prospect.ingredients) {
-            causes.extend(own_changes(&then.ingredients, now));
-            self.input_changes(call, &then.ingredients, &mut causes)?;
-            if let Ok(Some(read)) = then.changed_read(&self.plan.dag[call], &self.sources) {
+        if let (Some(then), Some(now)) = (&before.ingredients, self.now.ingredients(call)) {
+            causes.extend(own_changes(then, &now));
+            if then.kind == now.kind {
+                self.input_changes(call, then, &mut causes)?;
+            }
+        }
+        if let Some((key, digest)) = before.output {
+            // A key that is not changed leaves the files that the node discovers.
+            let found = self.cache.records(&key)?.0;
+            let then = found.iter().find(|record| record.digest == digest);
+            if let Some(Ok(Some(read))) = then.map(|then| then.changed_read(&self.plan.dag[call], self.sources)) {
                 let (param, beside) = (read.param.clone(), read.beside.clone());
                 causes.push(Cause::Read { param, beside });
             }
@@ -260,15 +346,15 @@ impl Inquiry<'_> {
                 continue;
             }
             for (input, (label, from)) in before.iter().zip(now) {
-                let digest = self.forecast.calls[from].record.as_ref().map(|r| r.digest);
-                if digest != Some(input.digest) {
+                if self.now.digest(*from) != Some(input.digest) {
                     changed.push((port.to_owned(), label.clone(), *from));
                 }
             }
         }
         let more = changed.len().saturating_sub(MAX_INPUTS);
         for (port, label, from) in changed.into_iter().take(MAX_INPUTS) {
-            let because = if self.seen.contains(&from) { Vec::new() } else { self.causes(from)? };
+            let said = self.hindsight || self.seen.contains(&from);
+            let because = if said { Vec::new() } else { self.causes(from)? };
             let from = self.plan.name(from).to_owned();
             causes.push(Cause::Input { port, label, from, because });
         }
@@ -279,9 +365,29 @@ impl Inquiry<'_> {
     }
 }
 
+impl Cache {
+    /// What outputs of recent runs of any graph were made from, by kind, the latest first.
+    fn computed(&self) -> Result<HashMap<String, Vec<Ingredients>>, CacheError> {
+        let (mut all, mut seen): (HashMap<String, Vec<Ingredients>>, BTreeSet<Digest>) = Default::default();
+        for run in self.readable()? {
+            for (at, call) in run.body.calls.iter().enumerate() {
+                let of_kind = all.entry(run.body.kind(at).name.clone()).or_default();
+                if of_kind.len() < MAX_NEAREST && call.key.is_some_and(|key| seen.insert(key)) {
+                    of_kind.push(run.body.ingredients(at));
+                }
+            }
+        }
+        Ok(all)
+    }
+}
+
 /// What changed of the call itself: node, params and files.
-fn own_changes(then: &Ingredients, now: &Ingredients) -> Vec<Cause> {
+pub(crate) fn own_changes(then: &Ingredients, now: &Ingredients) -> Vec<Cause> {
     let mut causes = Vec::new();
+    if then.kind != now.kind {
+        // Params and ports of another kind have nothing to do with each other.
+        return vec![Cause::Kind { before: then.kind.clone(), now: now.kind.clone() }];
+    }
     if then.version != now.version {
         causes.push(Cause::Version { before: then.version, now: now.version });
     }

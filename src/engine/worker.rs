@@ -107,6 +107,9 @@ pub(super) struct Shared<'a> {
     pub cache: &'a Cache,
     pub sources: &'a Sources,
     pub stop: &'a AtomicBool,
+    pub jobs: usize,
+    /// Whether the first failure stops the run.
+    pub fail_fast: bool,
     pub held: Held,
     pub loading: BTreeMap<NodeIndex, Mutex<()>>,
     pub permits: Permits,
@@ -151,7 +154,9 @@ impl Shared<'_> {
             self.corrupt(call, &path);
         }
         Ok(match found {
-            Some(record) => {
+            Some(mut record) => {
+                // Equal but for names and paths, which are now as this run has them; and held once.
+                record.ingredients = ingredients.clone();
                 // Keeps the object from being collected while this run may want it.
                 let _ = self.cache.has_object(&record.digest);
                 Done::Hit(ingredients, Box::new(record))
@@ -238,7 +243,7 @@ impl Shared<'_> {
         let digest = self.cache.put_object(&bytes)?;
         let reliable = !host.unreliable.load(Ordering::Acquire);
         let record = Record {
-            ingredients: Arc::unwrap_or_clone(ingredients),
+            ingredients,
             reads: unlock(host.reads).into_iter().collect(),
             digest,
             bytes: bytes.len() as u64,

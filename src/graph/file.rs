@@ -30,12 +30,14 @@ pub enum How {
     Zip,
 }
 
-/// A variant: params by pattern of node.
+/// A variant: params by pattern of node, and named values of the graph.
 #[derive(Clone, Debug)]
 pub struct Variant {
     pub name: Name,
     pub how: How,
     pub changes: Vec<(Name, Vec<Field>)>,
+    /// Named values of the graph.
+    pub params: Vec<Field>,
 }
 
 /// A graph file, with its base merged in.
@@ -364,16 +366,18 @@ fn variant(report: &mut Diagnostics, field: Field) -> Option<Variant> {
         report.error(args[0].span, "syntax", "a map of nodes to params is expected here").hint(HINT);
         return None;
     };
-    let mut changes = Vec::new();
+    let (mut changes, mut params) = (Vec::new(), Vec::new());
     for entry in unique(report, entries, "change") {
         match entry.value.call(report) {
-            Some(Call::Named(name, params)) if name.text.is_empty() => {
-                changes.push((entry.name, unique(report, params, "param")));
+            Some(Call::Named(name, fields)) if name.text.is_empty() => {
+                changes.push((entry.name, unique(report, fields, "param")));
             }
+            // No pattern of nodes, and no record of params: a named value of the graph.
+            _ if !entry.name.text.contains(['*', '/', '[', ':']) => params.push(entry),
             _ => {
                 report.error(entry.value.span, "syntax", "params are written `(name: value, ..)`").hint(HINT);
             }
         }
     }
-    Some(Variant { name: field.name, how, changes })
+    Some(Variant { name: field.name, how, changes, params })
 }

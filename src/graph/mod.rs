@@ -125,7 +125,9 @@ impl Planner<'_> {
         let mut changes: Vec<Override> = point.changes.clone();
         changes.extend(outside.sets.nodes.iter().filter(|o| applies(o, point)).cloned());
         let mut walk = Walk::new(&mut self.report, &mut self.files, &mut self.kinds, &mut self.globs, changes);
-        walk.root(file, &outside.sets.params);
+        // `--set` wins over the variant.
+        let params: Vec<_> = point.params.iter().chain(&outside.sets.params).cloned().collect();
+        walk.root(file, &params);
         let prefix = if point.name.is_empty() { String::new() } else { format!("{}:", point.name) };
         let variant = walk.finish(&mut self.binder, file, prefix);
         outside.holes |= walk.holes;

@@ -123,6 +123,8 @@ pub struct Point {
     /// `paper`, or `radius`.
     pub group: String,
     pub changes: Vec<Override>,
+    /// Named values of the graph.
+    pub params: Vec<Field>,
 }
 
 /// The variants to plan, in the order of the file.
@@ -148,10 +150,12 @@ pub fn points(report: &mut Diagnostics, variants: &[Variant], wanted: Option<&[S
 
 fn expand(report: &mut Diagnostics, variant: &Variant) -> Vec<Point> {
     let name = variant.name.text.clone();
-    let fields = || variant.changes.iter().flat_map(|(n, fs)| fs.iter().map(move |f| (n, f)));
+    let of_nodes = variant.changes.iter().flat_map(|(n, fs)| fs.iter().map(move |f| (Some(n), f)));
+    let all: Vec<(Option<&Name>, &Field)> = of_nodes.chain(variant.params.iter().map(|f| (None, f))).collect();
+    let fields = || all.iter().copied();
     if variant.how == How::Set {
-        let changes = fields().map(|(node, f)| change(node, &f.name, &f.value)).collect();
-        return vec![Point { group: name.clone(), name, changes }];
+        let changes = fields().filter_map(|(node, f)| Some(change(node?, &f.name, &f.value))).collect();
+        return vec![Point { group: name.clone(), name, changes, params: variant.params.clone() }];
     }
     let mut lists = Vec::new();
     for (node, field) in fields() {
@@ -166,14 +170,14 @@ fn expand(report: &mut Diagnostics, variant: &Variant) -> Vec<Point> {
         }
     }
     let Some(rows) = rows(report, variant, &lists) else { return Vec::new() };
-    let label = |node: &Name, field: &Field| {
+    let label = |node: Option<&Name>, field: &Field| {
         let twice = fields().filter(|(_, f)| f.name.text == field.name.text).count() > 1;
-        let prefix = if twice { format!("{}.", node.text) } else { String::new() };
+        let prefix = node.filter(|_| twice).map(|node| format!("{}.", node.text)).unwrap_or_default();
         prefix + &field.name.text
     };
     let point = |row: Vec<usize>| {
         let picked = || row.iter().zip(&lists).map(|(i, (node, f, values))| (*node, *f, &values[*i]));
-        let say = |(node, field, value): (&Name, &Field, &Value)| {
+        let say = |(node, field, value): (Option<&Name>, &Field, &Value)| {
             let text = report.sources.text(value.span).split_whitespace().collect::<Vec<_>>();
             format!("{}={}", label(node, field), text.join(" "))
         };
@@ -181,13 +185,17 @@ fn expand(report: &mut Diagnostics, variant: &Variant) -> Vec<Point> {
         Point {
             name: format!("{name}[{}]", labels.join(",")),
             group: name.clone(),
-            changes: picked().map(|(node, f, value)| change(node, &f.name, value)).collect(),
+            changes: picked().filter_map(|(node, f, value)| Some(change(node?, &f.name, value))).collect(),
+            params: picked()
+                .filter(|(node, _, _)| node.is_none())
+                .map(|(_, f, value)| Field { name: f.name.clone(), value: value.clone() })
+                .collect(),
         }
     };
     rows.into_iter().map(point).collect()
 }
 
-type List<'a> = (&'a Name, &'a Field, Vec<Value>);
+type List<'a> = (Option<&'a Name>, &'a Field, Vec<Value>);
 
 /// Which value of each list a variant takes: the first list turns slowest.
 fn rows(report: &mut Diagnostics, variant: &Variant, lists: &[List]) -> Option<Vec<Vec<usize>>> {

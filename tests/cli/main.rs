@@ -3,6 +3,8 @@
 
 mod bad_calls;
 mod bad_meshes;
+mod compare;
+mod compare_real;
 mod executed;
 mod real;
 mod registry;

@@ -9,4 +9,5 @@ mod failures;
 mod lab;
 mod memo;
 mod oracle;
+mod remembered;
 mod sharing;

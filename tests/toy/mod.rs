@@ -5,14 +5,15 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use salient_sdk::{
-    AnyNode, Artefact, Context, Decoder, Defect, DefectKind, Encoder, FileParam, FormatError, Inputs, ItemHasher, Memo,
-    Mesh, Node, NodeError, Port, PortValues, Table,
+    AnyNode, Artefact, Context, Decoder, Defect, DefectKind, Difference, Encoder, FileParam, FormatError, Inputs,
+    ItemHasher, Memo, Mesh, Node, NodeError, Port, PortValues, Surfaces, Table,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-pub static NODES: &[&dyn AnyNode] = &[&Read, &Scale::<1>, &Sign, &Sum, &Fail, &Panics, &Slow, &Bad, &Wide, &Triangle];
+pub static NODES: &[&dyn AnyNode] =
+    &[&Read, &Scale::<1>, &Sign, &Sum, &Product, &Fail, &Panics, &Slow, &Bad, &Wide, &Triangle];
 
 /// Some numbers.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -40,6 +41,12 @@ impl Artefact for Numbers {
     }
     fn defects(&self) -> Vec<Defect> {
         self.defects.clone()
+    }
+    fn differences(&self, other: &Self, _: &Surfaces) -> Vec<Difference> {
+        let total = |of: &Self| of.values.iter().sum::<f64>();
+        let count = Difference::of_count("count", self.values.len(), other.values.len());
+        let total = Difference::of_number("total", total(self), total(other));
+        total.into_iter().chain(count).collect()
     }
     fn table(&self) -> Option<Table> {
         Some(Table::new(&["value"], self.values.iter().map(|x| vec![x.to_string()]).collect()))
@@ -144,6 +151,41 @@ impl<const V: u32> Node for Scale<V> {
     }
 }
 
+/// The same numbers in another byte layout.
+pub struct Rows(pub Numbers);
+impl Artefact for Rows {
+    const TYPE: &'static str = "numbers";
+    const FORMAT: u32 = 2;
+    const DOC: &'static str = "A list of numbers, in another layout.";
+    fn encode(&self, out: &mut Encoder) {
+        out.f64("rows", &self.0.values, &[self.0.values.len(), 1]);
+    }
+    fn decode(from: &Decoder) -> Result<Self, FormatError> {
+        Ok(Self(numbers(from.f64("rows")?.0)))
+    }
+    fn json(&self) -> Value {
+        Artefact::json(&self.0)
+    }
+    fn summary(&self) -> Vec<(&'static str, String)> {
+        Artefact::summary(&self.0)
+    }
+}
+
+/// `scale` when its output had another format.
+pub struct ScaleRows;
+impl Node for ScaleRows {
+    const KIND: &'static str = "scale";
+    const VERSION: u32 = 1;
+    const DOC: &'static str = "Multiplies. Each number by the factor.";
+    const EXAMPLE: &'static str = "";
+    type Params = ScaleParams;
+    type Inputs = X;
+    type Output = Rows;
+    fn run(p: &ScaleParams, i: X, cx: Context) -> Result<Rows, NodeError> {
+        Scale::<1>::run(p, i, cx).map(Rows)
+    }
+}
+
 node!(Sign, "sign", "The sign of each number.", None, X, |_, i, _| {
     Ok(numbers(i.x.values.iter().map(|x| x.signum()).collect()))
 });
@@ -160,6 +202,22 @@ impl Inputs for Terms {
 
 node!(Sum, "sum", "Adds everything up.", None, Terms, |_, i, _| {
     Ok(numbers(vec![i.terms.iter().flat_map(|(_, x)| &x.values).sum()]))
+});
+
+pub struct Two {
+    left: Arc<Numbers>,
+    right: Arc<Numbers>,
+}
+impl Inputs for Two {
+    const PORTS: &'static [Port] = &[Port::one::<Numbers>("left", "numbers"), Port::one::<Numbers>("right", "numbers")];
+    fn take(from: &mut PortValues) -> Result<Self, NodeError> {
+        Ok(Self { left: from.one("left")?, right: from.one("right")? })
+    }
+}
+
+node!(Product, "product", "Multiplies two sums.", None, Two, |_, i, _| {
+    let sum = |of: &Numbers| of.values.iter().sum::<f64>();
+    Ok(numbers(vec![sum(&i.left), sum(&i.right), sum(&i.left) * sum(&i.right)]))
 });
 
 node!(Fail, "fail", "Fails.", None, X, |_, _, _| { Err(NodeError::new("it is the wrong number").help("use another")) });

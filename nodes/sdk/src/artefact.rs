@@ -6,6 +6,7 @@ use std::sync::Arc;
 use serde_json::Value;
 
 use crate::codec::{Decoder, Encoder, FormatError};
+use crate::difference::{Difference, Surfaces, of_summaries};
 use crate::mesh::{Defect, Mesh};
 
 /// A node's typed output: plain arrays and a small header.
@@ -46,6 +47,12 @@ pub trait Artefact: Send + Sync + Sized + 'static {
     fn table(&self) -> Option<Table> {
         None
     }
+
+    /// How `other`, an artefact of the same type, differs from this one, in the terms of the field and the most telling
+    /// first; empty if in nothing that matters. By default, the lines of the summary that differ.
+    fn differences(&self, other: &Self, _surfaces: &Surfaces) -> Vec<Difference> {
+        of_summaries(&self.summary(), &other.summary())
+    }
 }
 
 /// A table for export.
@@ -81,6 +88,10 @@ pub trait AnyArtefact: Send + Sync {
     fn surface(&self) -> Option<&Mesh>;
     /// See [`Artefact::table`].
     fn table(&self) -> Option<Table>;
+    /// See [`Artefact::differences`]; `None` if the other is of another type.
+    fn differences(&self, other: &dyn AnyArtefact, surfaces: &Surfaces) -> Option<Vec<Difference>>;
+    /// For downcasting to the concrete type.
+    fn as_any(&self) -> &dyn Any;
     /// For downcasting to the concrete type.
     fn into_any(self: Arc<Self>) -> Arc<dyn Any + Send + Sync>;
 }
@@ -108,6 +119,12 @@ impl<T: Artefact> AnyArtefact for T {
     }
     fn table(&self) -> Option<Table> {
         Artefact::table(self)
+    }
+    fn differences(&self, other: &dyn AnyArtefact, surfaces: &Surfaces) -> Option<Vec<Difference>> {
+        Some(Artefact::differences(self, other.as_any().downcast_ref()?, surfaces))
+    }
+    fn as_any(&self) -> &dyn Any {
+        self
     }
     fn into_any(self: Arc<Self>) -> Arc<dyn Any + Send + Sync> {
         self

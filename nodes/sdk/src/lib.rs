@@ -8,6 +8,7 @@
 //! | [`artefact`] | [`Artefact`]: a typed output that can be written to and read from the cache |
 //! | [`codec`] | the safetensors layout of an artefact: [`Encoder`], [`Decoder`] |
 //! | [`context`] | [`Context`]: all that a running node may ask of its host |
+//! | [`difference`] | [`Difference`]: how two artefacts of a type differ, for `salient compare` |
 //! | [`memo`] | [`Memo`]: values of single items, remembered between executions |
 //! | [`error`] | [`NodeError`] |
 //! | [`mesh`] | [`Mesh`] and its [`Defect`]s: the one artefact that many nodes make |
@@ -20,6 +21,7 @@
 pub mod artefact;
 pub mod codec;
 pub mod context;
+pub mod difference;
 pub mod error;
 pub mod memo;
 pub mod mesh;
@@ -32,6 +34,7 @@ pub mod testing;
 pub use artefact::{AnyArtefact, Artefact, ArtefactType, Table};
 pub use codec::{ArrayView, Decoder, Encoder, FormatError};
 pub use context::{Context, Host};
+pub use difference::{Common, Difference, Surfaces};
 pub use error::NodeError;
 pub use memo::{ItemHasher, ItemKey, Memo};
 pub use mesh::{Defect, DefectKind, Mesh};

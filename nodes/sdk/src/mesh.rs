@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 
 use crate::artefact::{Artefact, Table};
 use crate::codec::{Decoder, Encoder, FormatError};
+use crate::difference::{Difference, Surfaces, short};
 
 /// A triangle mesh in the units of its file.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -134,6 +135,34 @@ impl Artefact for Mesh {
         let row = |p: &[f64; 3]| p.iter().map(f64::to_string).collect();
         Some(Table::new(&["x", "y", "z"], self.vertices.iter().map(row).collect()))
     }
+
+    fn differences(&self, other: &Self, _: &Surfaces) -> Vec<Difference> {
+        let vertices = Difference::of_count("vertices", self.vertices.len(), other.vertices.len());
+        let faces = Difference::of_count("faces", self.faces.len(), other.faces.len());
+        let connected = (self.faces.len() == other.faces.len() && self.faces != other.faces)
+            .then(|| Difference::new("connectivity", 1.0, "other faces over the vertices"));
+        let moved = if vertices.is_none() { moved(self, other) } else { None };
+        let area = Difference::of_number("area", self.area(), other.area());
+        [vertices, faces, connected, moved, area].into_iter().flatten().collect()
+    }
+}
+
+/// How far the vertex that moved farthest has moved, over the square root of the area.
+fn moved(one: &Mesh, other: &Mesh) -> Option<Difference> {
+    let distance = |(i, (p, q)): (usize, (&[f64; 3], &[f64; 3]))| {
+        let [x, y, z] = sub(*q, *p);
+        (i, (x * x + y * y + z * z).sqrt())
+    };
+    let all = one.vertices.iter().zip(&other.vertices).enumerate().map(distance);
+    let (vertex, farthest) = all.reduce(|best, it| if it.1 > best.1 { it } else { best })?;
+    if farthest == 0.0 {
+        return None;
+    }
+    let root = one.area().sqrt();
+    let size = if root > 0.0 { farthest / root } else { farthest };
+    let text = format!("vertex {vertex} moved farthest, by {} of sqrt(area)", short(size));
+    let details = json!({ "vertex": vertex, "distance": farthest });
+    Some(Difference::new("positions", size, text).details(details))
 }
 
 /// What may be wrong with a mesh or with what was computed from it.

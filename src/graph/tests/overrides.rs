@@ -78,6 +78,68 @@ fn set_wins_over_the_variant_and_may_name_one() {
 }
 
 #[test]
+fn variants_change_named_values_of_the_graph_and_with_them_its_axes() {
+    let folder = Folder::new(&[
+        (
+            "base.ron",
+            r#"(format: 1, params: {"by": 1.0, "shapes": files("*.txt")}, over: {"shape": param("shapes")}, nodes: {
+            "a": source(path: each("shape")),
+            "sum": sum(terms: all("a")),
+            "end": add(left: "sum", offset: param("by")),
+        }, show: ["end"])"#,
+        ),
+        (
+            "main.ron",
+            r#"(format: 1, base: "base.ron", variants: {
+            "few": set({"shapes": files("a*.txt"), "a": (scale: 2)}),
+            "one": set({"a[b]": (scale: 3)}),
+            "by": sweep({"by": [2.0, 3.0], "end": (mode: [Exact, Rounded])}),
+            "both": zip({"by": [4.0, 5.0], "shapes": [files("a*.txt"), files("b*.txt")]}),
+        })"#,
+        ),
+        ("a1.txt", ""),
+        ("a2.txt", ""),
+        ("b.txt", ""),
+    ]);
+    let plan = folder.plan();
+    assert_eq!(
+        plan.variants,
+        [
+            "few",
+            "one",
+            "by[mode=Exact,by=2.0]",
+            "by[mode=Exact,by=3.0]",
+            "by[mode=Rounded,by=2.0]",
+            "by[mode=Rounded,by=3.0]",
+            "both[by=4.0,shapes=files(\"a*.txt\")]",
+            "both[by=5.0,shapes=files(\"b*.txt\")]",
+        ]
+    );
+    assert_eq!(param(&plan, "few:a[a2]", "scale"), 2.0);
+    assert!(!plan.addresses.contains_key("few:a[b]"));
+    assert_eq!((param(&plan, "one:a[b]", "scale"), param(&plan, "one:a[a1]", "scale")), (3.0.into(), 0.0.into()));
+    assert_eq!(param(&plan, "by[mode=Rounded,by=3.0]:end", "offset"), 3.0);
+    assert_eq!(param(&plan, "both[by=5.0,shapes=files(\"b*.txt\")]:end", "offset"), 5.0);
+    assert_eq!(plan.addresses.keys().filter(|a| a.starts_with("both[by=5.0") && a.contains(":a[")).count(), 1);
+    // What variants share is one call.
+    assert_eq!(plan.addresses["one:a[a1]"], plan.addresses["by[mode=Exact,by=2.0]:a[a1]"]);
+    // `--set` wins, and a base's variants are there beside one's own.
+    let set = folder.plan_with(&["by=9.0"]);
+    assert_eq!(param(&set, "by[mode=Exact,by=2.0]:end", "offset"), 9.0);
+    std::fs::rename(folder.path().join("main.ron"), folder.path().join("mid.ron")).unwrap();
+    folder.write(
+        "main.ron",
+        r#"(format: 1, base: "mid.ron", variants: {"low": set({"by": 0.5})}, show: ["sum", "end"])"#,
+    );
+    let deep = folder.plan();
+    assert_eq!(deep.variants.len(), 9);
+    assert_eq!(param(&deep, "low:end", "offset"), 0.5);
+    assert_eq!(deep.show.iter().filter(|shown| shown.address.starts_with("few:")).count(), 2);
+    folder.write("main.ron", r#"(format: 1, base: "base.ron", variants: {"w": set({"bye": 1.0})})"#);
+    assert_eq!(folder.errors(), ["override-unmatched @\"bye\"@ the graph has no param `bye` | did you mean `by`?"]);
+}
+
+#[test]
 fn wrong_sets_point_into_their_own_text() {
     let folder = folder();
     let one = |set: &str| {
