@@ -3,7 +3,6 @@
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 
 use petgraph::graph::NodeIndex;
 use salient_sdk::NodeError;
@@ -300,7 +299,7 @@ impl<'a> Coordinator<'a> {
 
     fn failed(&mut self, call: NodeIndex, error: NodeError) {
         self.release_followers(call);
-        if error.cancelled && self.shared.stop.load(Ordering::Relaxed) {
+        if error.cancelled && self.shared.stopping() {
             // What rests on it is not done either; nobody is to blame.
             self.at(call).state = Some(State::Cancelled);
             return;
