@@ -5,6 +5,7 @@
 //! | [`graph`] | RON text -> calls -> checked and expanded DAG -> plan |
 //! | [`diagnostics`] | what is wrong with a graph file, and where |
 //! | [`engine`] | runs a plan: keys, content-addressed cache, scheduling, events |
+//! | [`watch`] | runs again whenever an input changes |
 //! | [`export`] | artefacts in the formats of other tools |
 //! | [`cli`] | the command line: printing and exit codes |
 //!
@@ -15,3 +16,4 @@ pub mod diagnostics;
 pub mod engine;
 pub mod export;
 pub mod graph;
+pub mod watch;

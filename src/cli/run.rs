@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use clap::ValueEnum;
 use petgraph::graph::NodeIndex;
 use salient_sdk::Registry;
-use serde_json::json;
 
 use super::args::{CacheChoice, Effort, GetArgs, RunArgs};
 use super::fail::Fail;
@@ -13,7 +12,7 @@ use super::plan::{find, load};
 use super::progress::{Progress, json_line, totals};
 use super::results::{result, stages, write};
 use super::text::{complain, print};
-use crate::engine::{Cache, Cancel, Options, Outcome, State, run as run_plan};
+use crate::engine::{Cache, Cancel, Event, Options, Outcome, State, run as run_plan};
 use crate::export::{Format, export};
 use crate::graph::Plan;
 
@@ -23,7 +22,8 @@ impl CacheChoice {
         Ok(Cache::open(&self.path()?)?)
     }
 
-    fn path(&self) -> Result<PathBuf, Fail> {
+    /// The directory of the chosen cache.
+    pub fn path(&self) -> Result<PathBuf, Fail> {
         let var = |name| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
         let chosen = self.dir.clone().or_else(|| var("SALIENT_CACHE"));
         let default = || Some(var("XDG_CACHE_HOME")?.join("salient"));
@@ -36,7 +36,8 @@ impl CacheChoice {
 }
 
 impl Effort {
-    fn options(&self) -> Options {
+    /// For the engine.
+    pub fn options(&self) -> Options {
         let default = Options::default();
         let jobs = self.jobs.map_or(default.jobs, usize::from);
         Options { jobs, memory: self.memory }
@@ -102,7 +103,7 @@ fn tell(args: &RunArgs, plan: &Plan, outcome: &Outcome, cache: &Cache) -> Result
         }
     }
     if args.json {
-        json_line(&json!({ "event": "results", "results": lines }))?;
+        json_line(&Event::Results { results: lines })?;
     } else {
         // Times vary from run to run, so they are not among the results.
         complain(&format!("\n{}", stages(plan, outcome)));

@@ -128,7 +128,7 @@ mod tests {
         let known = Fingerprints::new();
         assert_eq!(known.digest(&path).unwrap(), None);
         for i in 0..2000 {
-            let text = format!("{:04}", i);
+            let text = format!("{i:04}");
             fs::write(&path, &text).unwrap();
             assert_eq!(known.digest(&path).unwrap(), Some(Digest::of(text.as_bytes())));
             assert_eq!(known.digest(&path).unwrap(), Some(Digest::of(text.as_bytes())));
