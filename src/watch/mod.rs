@@ -39,6 +39,8 @@ use places::{Places, is_remote};
 const QUIET: Duration = Duration::from_millis(25);
 /// But no longer than this after its first notice.
 const LONGEST_EDIT: Duration = Duration::from_millis(500);
+/// Between the steps of saving a file no more time passes than this, mostly.
+const BETWEEN_STEPS: Duration = Duration::from_millis(150);
 /// How often everything is looked at where the system gives notice.
 const WITH_NOTICES: Duration = Duration::from_secs(2);
 /// The same where it does not, or only of what this host does.
@@ -293,8 +295,17 @@ impl<'a> Watch<'a> {
         counts
     }
 
-    /// Looks at everything again.
+    /// Looks at everything again. What is gone or empty may be about to be written, so it is looked at twice.
     fn look(&self, observed: &Observed, sources: Option<&Sources>) -> Changes {
+        let changes = self.look_once(observed, sources);
+        if !changes.may_be_half() {
+            return changes;
+        }
+        std::thread::sleep(BETWEEN_STEPS);
+        self.look_once(observed, sources)
+    }
+
+    fn look_once(&self, observed: &Observed, sources: Option<&Sources>) -> Changes {
         let own = |path: &Path| std::path::absolute(path).is_ok_and(|path| self.written.contains(&path));
         let mut planning = observed.differences();
         planning.retain(|difference| !own(difference.path()));
@@ -334,6 +345,17 @@ impl<'a> Watch<'a> {
 }
 
 impl Changes {
+    /// Whether a file is gone or empty: some programs save by removing or emptying the file first.
+    fn may_be_half(&self) -> bool {
+        let is_bare = |path: &Path| std::fs::metadata(path).map_or(true, |meta| meta.len() == 0);
+        let planning = |difference: &Difference| match difference {
+            Difference::Added(path) | Difference::Graph(path) => is_bare(path),
+            Difference::Removed(_) => true,
+            Difference::Folder(_) => false,
+        };
+        self.planning.iter().any(planning) || self.files.iter().any(|change| is_bare(&change.path))
+    }
+
     fn is_empty(&self) -> bool {
         self.planning.is_empty() && self.files.is_empty()
     }

@@ -7,6 +7,8 @@ mod executed;
 mod real;
 mod registry;
 mod values;
+mod watch;
+mod watch_files;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
