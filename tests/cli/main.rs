@@ -4,6 +4,7 @@
 mod bad_calls;
 mod bad_meshes;
 mod executed;
+mod kills;
 mod real;
 mod registry;
 mod values;
