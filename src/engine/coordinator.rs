@@ -37,6 +37,8 @@ struct Progress {
     /// Consumers that may still take its output.
     pending: BTreeSet<NodeIndex>,
     lacks: usize,
+    /// It has looked again, as an equal call was computed while it looked.
+    looked_again: bool,
 }
 
 /// Lookups first (they are cheap and show what there is to do), then the most urgent call.
@@ -49,6 +51,8 @@ pub(super) struct Coordinator<'a> {
     ready: BinaryHeap<Rank>,
     /// For each key being computed: by whom, and who waits for it.
     in_flight: BTreeMap<Digest, (NodeIndex, Vec<NodeIndex>)>,
+    /// Keys computed in this run.
+    made: BTreeSet<Digest>,
     fatal: Option<CacheError>,
     on_event: &'a mut dyn FnMut(&Event),
 }
@@ -64,12 +68,21 @@ impl<'a> Coordinator<'a> {
                 forced: false,
                 pending: place.consumers.clone(),
                 lacks: 0,
+                looked_again: false,
             };
             (call, progress)
         };
         let calls = cone.calls().map(progress).collect();
-        let mut it =
-            Self { shared, cone, calls, ready: BinaryHeap::new(), in_flight: BTreeMap::new(), fatal: None, on_event };
+        let mut it = Self {
+            shared,
+            cone,
+            calls,
+            ready: BinaryHeap::new(),
+            in_flight: BTreeMap::new(),
+            made: BTreeSet::new(),
+            fatal: None,
+            on_event,
+        };
         let sources: Vec<_> = it.cone.calls().filter(|call| it.calls[call].waiting.is_empty()).collect();
         for call in sources {
             it.push(Step::Resolve, call);
@@ -183,6 +196,11 @@ impl<'a> Coordinator<'a> {
             // A forced call follows nobody: its leader may be waiting for this very output, as a
             // call may have the key of its own input (idempotent nodes).
             Some((leader, followers)) if *leader != call && !forced => followers.push(call),
+            // It may have looked just before that was stored. Once only: not every output is recorded.
+            None if !forced && self.made.contains(&key) && !self.calls[&call].looked_again => {
+                self.at(call).looked_again = true;
+                self.push(Step::Resolve, call);
+            }
             _ => {
                 self.in_flight.entry(key).or_insert((call, Vec::new()));
                 self.push(Step::Execute, call);
@@ -250,6 +268,7 @@ impl<'a> Coordinator<'a> {
     }
 
     fn computed(&mut self, call: NodeIndex, record: Box<Record>) {
+        self.made.insert(record.ingredients.key());
         self.release_followers(call);
         let (node, kind) = self.title(call);
         let event = Event::Finished {
