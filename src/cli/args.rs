@@ -21,6 +21,8 @@ pub struct Cli {
 pub enum Command {
     /// Compute what a graph shows, and print a table of results
     Run(RunArgs),
+    /// Compute what a graph shows, and again whenever a file of it changes, until Ctrl-C
+    Watch(WatchArgs),
     /// Write one node's output in a format of other tools
     Get(GetArgs),
     /// Report all that is wrong with graph files
@@ -98,6 +100,26 @@ pub struct RunArgs {
     /// and defects of each result
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Args)]
+pub struct WatchArgs {
+    #[command(flatten)]
+    pub graph: GraphChoice,
+    #[command(flatten)]
+    pub cache: CacheChoice,
+    #[command(flatten)]
+    pub effort: Effort,
+    /// Write each result to this folder whenever it has changed, as JSON and as safetensors
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print events as lines of JSON on standard output: those of `run --json`, and `changed`, `broken` and `watching`
+    #[arg(long)]
+    pub json: bool,
+    /// Look at all files every so many seconds, and do not rely on notices of the system, which miss what other
+    /// hosts write to a network file system [default: notices, and a look every 2 seconds]
+    #[arg(long, value_name = "SECONDS", value_parser = period)]
+    pub poll: Option<Duration>,
 }
 
 #[derive(Args)]
@@ -299,6 +321,11 @@ fn age(text: &str) -> Result<Duration, String> {
     Duration::try_from_secs_f64(seconds).map_err(|_| wrong())
 }
 
+fn period(text: &str) -> Result<Duration, String> {
+    let seconds = text.parse::<f64>().ok().filter(|x| (0.05..=3600.0).contains(x));
+    seconds.map(Duration::from_secs_f64).ok_or_else(|| "a number of seconds from 0.05 to 3600".into())
+}
+
 fn gigabytes(text: &str) -> Result<u64, String> {
     let number = text.parse::<f64>().ok().filter(|x| x.is_finite() && *x >= 0.0);
     number.map(|x| (x * 1e9) as u64).ok_or_else(|| "a number of gigabytes, 0 or more".into())
@@ -325,5 +352,7 @@ mod tests {
         assert!(age("30").is_err() && age("d").is_err());
         assert_eq!(gigabytes("0"), Ok(0));
         assert!(gigabytes("inf").is_err());
+        assert_eq!(period("0.5"), Ok(Duration::from_millis(500)));
+        assert!(period("0").is_err() && period("NaN").is_err() && period("2s").is_err());
     }
 }

@@ -19,6 +19,7 @@ mod results;
 mod run;
 mod runs;
 mod text;
+mod watch;
 
 use std::process::ExitCode;
 
@@ -51,6 +52,7 @@ pub fn main(slices: &[&[&'static dyn AnyNode]]) -> ExitCode {
 fn dispatch(command: Command, registry: &Registry) -> Result<(), Fail> {
     match command {
         Command::Run(args) => run::run(&args, registry),
+        Command::Watch(args) => watch::watch(&args, registry),
         Command::Get(args) => run::get(&args, registry),
         Command::Check(args) => plan::check(&args, registry),
         Command::Plan(args) => plan::plan(&args, registry),

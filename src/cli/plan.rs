@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 
 use super::args::{CheckArgs, GraphArgs, GraphChoice, Picture, PlanArgs};
 use super::fail::Fail;
+use super::progress::some;
 use super::text::{ago, complain, count, print, print_json, seconds, table};
 use crate::diagnostics::Diagnostics;
 use crate::engine::forecast::{Forecast, Verdict};
@@ -19,9 +20,13 @@ use crate::graph::{OPEN_INPUT, Overrides, Plan};
 
 /// Plans a graph, or says all that is wrong with it.
 pub fn load(choice: &GraphChoice, registry: &Registry) -> Result<Plan, Fail> {
+    crate::graph::plan(&choice.graph, &overrides(choice), registry).map_err(Fail::Graph)
+}
+
+/// What the command line changes in a graph.
+pub fn overrides(choice: &GraphChoice) -> Overrides {
     let variants = (!choice.variants.is_empty()).then(|| choice.variants.clone());
-    let overrides = Overrides { sets: choice.sets.clone(), variants };
-    crate::graph::plan(&choice.graph, &overrides, registry).map_err(Fail::Graph)
+    Overrides { sets: choice.sets.clone(), variants }
 }
 
 /// Diagnostics on standard error, with the places in the graph file.
@@ -159,11 +164,6 @@ fn forecast_text(plan: &Plan, forecast: &Forecast) -> String {
         let _ = write!(text, "; about {} s of computing, by former runs", seconds(expected));
     }
     text + "\n"
-}
-
-fn some(names: &[String]) -> String {
-    let shown = names.iter().take(3).cloned().collect::<Vec<_>>().join(", ");
-    if names.len() > 3 { format!("{shown} and {} more", names.len() - 3) } else { shown }
 }
 
 /// An explanation as indented lines, each input followed up to what changed.

@@ -118,8 +118,19 @@ fn bars(all: &MultiProgress, whole: &ProgressBar, nodes: &mut BTreeMap<String, P
 }
 
 /// What people are told of an event.
-fn line(event: &Event) -> Option<String> {
+pub fn line(event: &Event) -> Option<String> {
     match event {
+        Event::Changed { changed, added, removed, running } => {
+            let lists = [("changed", changed), ("new", added), ("gone", removed)];
+            let lists = lists.iter().filter(|(_, files)| !files.is_empty());
+            let text: Vec<_> = lists.map(|(what, files)| format!("{what}: {}", some(files))).collect();
+            let stops = if *running { " (while a run was going on)" } else { "" };
+            Some(format!("\n{}{stops}", text.join("; ")))
+        }
+        Event::Broken { text, .. } => Some(format!("{}\nthe last results stand until this is mended", text.trim_end())),
+        Event::Watching { graph, files, .. } => {
+            Some(format!("watching {graph}: {}; Ctrl-C ends", super::text::count(*files, "file")))
+        }
         Event::Finished { node, kind, seconds: time, .. } => {
             Some(format!("computed {node} ({kind}) in {} s", seconds(*time)))
         }
@@ -138,6 +149,12 @@ fn line(event: &Event) -> Option<String> {
         )),
         _ => None,
     }
+}
+
+/// The first of some names.
+pub fn some(names: &[String]) -> String {
+    let shown = names.iter().take(3).cloned().collect::<Vec<_>>().join(", ");
+    if names.len() > 3 { format!("{shown} and {} more", names.len() - 3) } else { shown }
 }
 
 /// The last line about a run.

@@ -78,6 +78,11 @@ fn defects(plan: &Plan, outcome: &Outcome, call: NodeIndex, artefact: &dyn AnyAr
 }
 
 impl Found<'_> {
+    /// The address by which it was asked for.
+    pub fn address(&self) -> &str {
+        &self.shown.address
+    }
+
     /// Its title, summary and defects.
     pub fn text(&self) -> String {
         let rows: Vec<_> =
@@ -108,20 +113,24 @@ impl Found<'_> {
         })
     }
 
-    /// Writes it to a folder as JSON and as safetensors: `fa/basis` is `fa/basis.json` there.
-    pub fn write(&self, dir: &Path) -> Result<(), Fail> {
+    /// Writes it to a folder as JSON and as safetensors: `fa/basis` is `fa/basis.json` there. Returns the files.
+    pub fn write(&self, dir: &Path) -> Result<[PathBuf; 2], Fail> {
         let name = PathBuf::from(self.shown.address.as_str());
         if !name.components().all(|part| matches!(part, Component::Normal(_))) {
             let message = format!("`{}` cannot be the name of a file", self.shown.address);
             return Err(Fail::Lacking(message));
         }
-        for format in [Format::Json, Format::Safetensors] {
+        let formats = [Format::Json, Format::Safetensors];
+        let files = formats.map(|format| {
             let mut path = dir.join(&name).into_os_string();
             path.push(".");
             path.push(format.extension());
-            write(Path::new(&path), self.artefact.as_ref(), format)?;
+            PathBuf::from(path)
+        });
+        for (path, format) in files.iter().zip(formats) {
+            write(path, self.artefact.as_ref(), format)?;
         }
-        Ok(())
+        Ok(files)
     }
 }
 

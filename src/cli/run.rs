@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use clap::ValueEnum;
 use petgraph::graph::NodeIndex;
 use salient_sdk::Registry;
-use serde_json::json;
 
 use super::args::{CacheChoice, Effort, GetArgs, RunArgs};
 use super::fail::Fail;
@@ -14,7 +13,7 @@ use super::plan::{find, load};
 use super::progress::{Progress, json_line, totals};
 use super::results::{result, stages, write};
 use super::text::{complain, print};
-use crate::engine::{Cache, Cancel, Options, Outcome, State, run as run_plan};
+use crate::engine::{Cache, Cancel, Event, Options, Outcome, State, run as run_plan};
 use crate::export::{Format, export};
 use crate::graph::Plan;
 
@@ -24,7 +23,8 @@ impl CacheChoice {
         Ok(Cache::open(&self.path()?)?)
     }
 
-    fn path(&self) -> Result<PathBuf, Fail> {
+    /// The directory of the chosen cache.
+    pub fn path(&self) -> Result<PathBuf, Fail> {
         let var = |name| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
         let chosen = self.dir.clone().or_else(|| var("SALIENT_CACHE"));
         let default = || Some(var("XDG_CACHE_HOME")?.join("salient"));
@@ -113,7 +113,7 @@ fn tell(args: &RunArgs, plan: &Plan, outcome: &Outcome, cache: &Cache) -> Result
         }
     }
     if args.json {
-        json_line(&json!({ "event": "results", "results": lines, "failures": failures::json(&failed) }))?;
+        json_line(&Event::Results { results: lines, failures: failures::json(&failed) })?;
     } else {
         // Times vary from run to run, so they are not among the results.
         complain(&format!("\n{}", stages(plan, outcome)));

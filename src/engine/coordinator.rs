@@ -3,7 +3,6 @@
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 
 use petgraph::graph::NodeIndex;
 use salient_sdk::NodeError;
@@ -39,6 +38,8 @@ struct Progress {
     /// Consumers that may still take its output.
     pending: BTreeSet<NodeIndex>,
     lacks: usize,
+    /// It has looked again, as an equal call was computed while it looked.
+    looked_again: bool,
 }
 
 /// Lookups first (they are cheap and show what there is to do), then the most urgent call.
@@ -65,6 +66,8 @@ pub(super) struct Coordinator<'a> {
     /// Whether a call failed.
     broken: bool,
     estimate: Estimate,
+    /// Keys computed in this run.
+    made: BTreeSet<Digest>,
     fatal: Option<CacheError>,
     on_event: &'a mut dyn FnMut(&Event),
 }
@@ -80,15 +83,16 @@ impl<'a> Coordinator<'a> {
                 forced: false,
                 pending: place.consumers.clone(),
                 lacks: 0,
+                looked_again: false,
             };
             (call, progress)
         };
         let calls = cone.calls().map(progress).collect();
         let known = |call: NodeIndex| (shared.plan.dag[call].node.kind(), cone.place(call).cost);
         let estimate = Estimate::new(cone.calls().map(known), shared.jobs);
-        let (ready, in_flight, evicted) = Default::default();
+        let (ready, in_flight, evicted, made) = Default::default();
         let (broken, fatal) = (false, None);
-        let mut it = Self { shared, cone, calls, ready, in_flight, evicted, broken, estimate, fatal, on_event };
+        let mut it = Self { shared, cone, calls, ready, in_flight, evicted, broken, estimate, made, fatal, on_event };
         let sources: Vec<_> = it.cone.calls().filter(|call| it.calls[call].waiting.is_empty()).collect();
         for call in sources {
             it.push(Step::Resolve, call);
@@ -219,6 +223,11 @@ impl<'a> Coordinator<'a> {
             // A forced call follows nobody: its leader may be waiting for this very output, as a
             // call may have the key of its own input (idempotent nodes).
             Some((leader, followers)) if *leader != call && !forced => followers.push(call),
+            // It may have looked just before that was stored. Once only: not every output is recorded.
+            None if !forced && self.made.contains(&key) && !self.calls[&call].looked_again => {
+                self.at(call).looked_again = true;
+                self.push(Step::Resolve, call);
+            }
             _ => {
                 self.in_flight.entry(key).or_insert((call, Vec::new()));
                 self.push(Step::Execute, call);
@@ -287,6 +296,7 @@ impl<'a> Coordinator<'a> {
     }
 
     fn computed(&mut self, call: NodeIndex, record: Box<Record>) {
+        self.made.insert(record.ingredients.key());
         self.release_followers(call);
         let (node, kind) = self.title(call);
         let event = Event::Finished {
@@ -335,7 +345,7 @@ impl<'a> Coordinator<'a> {
 
     fn failed(&mut self, call: NodeIndex, error: NodeError) {
         self.release_followers(call);
-        if error.cancelled && self.shared.stop.load(Ordering::Relaxed) {
+        if error.cancelled && self.shared.stopping() {
             // What rests on it is not done either; nobody is to blame.
             self.end(call, State::Cancelled);
             return;

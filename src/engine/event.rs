@@ -1,4 +1,4 @@
-//! All that a run tells the outside: one closed enum for terminal, JSON lines and reports.
+//! All that runs and watches tell the outside: one closed enum for terminal, JSON lines and reports.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -105,6 +105,42 @@ pub enum Event {
         recorded: Digest,
         /// Hash of the output now.
         now: Digest,
+    },
+    /// `watch`: inputs are not as the last run, or the one that is running, found them.
+    Changed {
+        /// Files with other content.
+        changed: Vec<String>,
+        /// Files that are new.
+        added: Vec<String>,
+        /// Files that are gone.
+        removed: Vec<String>,
+        /// Whether a run was going on.
+        running: bool,
+    },
+    /// `watch`: the graph cannot be planned. The last results stand.
+    Broken {
+        /// What is wrong, as `check --json` says it.
+        diagnostics: Value,
+        /// The same for people.
+        text: String,
+    },
+    /// After a run that saw one state of its inputs: what it found, as far as its calls did not fail.
+    Results {
+        /// One object for each: `node` (the address), `kind`, `type`, `digest`, `summary`, `defects`.
+        results: Vec<Value>,
+        /// One object for each call that failed: `node`, `kind`, `files`, `message`, `help`, `skipped`.
+        failures: Vec<Value>,
+    },
+    /// `watch`: nothing is left to do until an input changes.
+    Watching {
+        /// The graph file.
+        graph: String,
+        /// How many files are watched, there or not.
+        files: usize,
+        /// How many folders are watched for them.
+        folders: usize,
+        /// How often all is looked at, in seconds, whatever the system tells.
+        every: f64,
     },
     /// Last of every run that the cache did not stop.
     RunFinished {

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`key`] | what an output depends on, and the key made of it |
 //! | [`sources`] | input files, one consistent snapshot a run |
+//! | [`fingerprints`] | hashes of files from run to run, for watching |
 //! | [`record`] | what the cache remembers of an output |
 //! | [`cache`] | the cache directory: objects and records |
 //! | [`memo`] | values of single items, remembered between executions |
@@ -19,6 +20,7 @@ mod cone;
 mod coordinator;
 mod estimate;
 pub mod event;
+pub mod fingerprints;
 pub mod forecast;
 mod held;
 pub mod history;
@@ -37,4 +39,4 @@ pub use cache::{Cache, CacheError};
 pub use event::{Event, Totals};
 pub use key::{Digest, Ingredients};
 pub use record::Record;
-pub use schedule::{Cancel, Options, Outcome, State, run};
+pub use schedule::{Cancel, Options, Outcome, State, run, run_on};

@@ -5,10 +5,9 @@
 //! input that was evicted from the cache run again. Keys are made of content, so an output that
 //! comes out as before leaves everything after it a hit.
 
-use std::collections::BTreeMap;
-use std::sync::Arc;
-use std::sync::Mutex;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, unbounded};
@@ -51,7 +50,22 @@ impl Default for Options {
 
 /// Stops a run from another thread: finished work is kept, running nodes are asked to return.
 #[derive(Clone, Debug, Default)]
-pub struct Cancel(Arc<AtomicBool>);
+pub struct Cancel(Arc<Stop>);
+
+#[derive(Debug, Default)]
+struct Stop {
+    stopped: AtomicBool,
+    spared: Mutex<Spared>,
+}
+
+/// Which running nodes are to finish, though the run is stopped.
+#[derive(Debug, Default)]
+enum Spared {
+    #[default]
+    None,
+    Some(BTreeSet<NodeIndex>),
+    All,
+}
 
 impl Cancel {
     /// A run that nobody has stopped.
@@ -62,13 +76,50 @@ impl Cancel {
 
     /// Stops the run.
     pub fn cancel(&self) {
-        self.0.store(true, Ordering::Relaxed);
+        *self.spared() = Spared::None;
+        self.0.stopped.store(true, Ordering::Release);
+    }
+
+    /// Stops the run but for these calls, which go on if they are running. A run that was stopped altogether
+    /// remains so.
+    pub fn cancel_but(&self, calls: BTreeSet<NodeIndex>) {
+        self.spare(Spared::Some(calls));
+    }
+
+    /// Starts no further node; those that are running go on.
+    pub fn hold(&self) {
+        if !self.is_cancelled() {
+            self.spare(Spared::All);
+        }
+    }
+
+    fn spare(&self, whom: Spared) {
+        let mut spared = self.spared();
+        if !self.is_cancelled() || !matches!(*spared, Spared::None) {
+            *spared = whom;
+            self.0.stopped.store(true, Ordering::Release);
+        }
     }
 
     /// Whether the run was stopped.
     #[must_use]
     pub fn is_cancelled(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
+        self.0.stopped.load(Ordering::Acquire)
+    }
+
+    /// Whether a running call is to return.
+    #[must_use]
+    pub fn stops(&self, call: NodeIndex) -> bool {
+        self.is_cancelled()
+            && match &*self.spared() {
+                Spared::None => true,
+                Spared::Some(calls) => !calls.contains(&call),
+                Spared::All => false,
+            }
+    }
+
+    fn spared(&self) -> MutexGuard<'_, Spared> {
+        self.0.spared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -149,6 +200,19 @@ pub fn run(
     cancel: &Cancel,
     on_event: &mut dyn FnMut(&Event),
 ) -> Result<Outcome, CacheError> {
+    run_on(plan, wanted, cache, options, cancel, &Sources::new(), on_event)
+}
+
+/// As [`run`], on given input files: what was looked at can be asked of them afterwards.
+pub fn run_on(
+    plan: &Plan,
+    wanted: &[NodeIndex],
+    cache: &Cache,
+    options: Options,
+    cancel: &Cancel,
+    sources: &Sources,
+    on_event: &mut dyn FnMut(&Event),
+) -> Result<Outcome, CacheError> {
     let (started, clock) = (SystemTime::now(), Instant::now());
     let mut running = Running::register(cache)?;
     let cone = Cone::of(plan, wanted, &Costs::of(plan, cache)?.weights(plan));
@@ -161,12 +225,12 @@ pub fn run(
         jobs,
     });
     let (reports, inbox) = unbounded();
-    let (sources, stop) = (Sources::new(), AtomicBool::new(false));
     let shared = Shared {
         plan,
         cache,
-        sources: &sources,
-        stop: &stop,
+        sources,
+        cancel,
+        stuck: AtomicBool::new(false),
         jobs,
         fail_fast: options.fail_fast,
         held: Held::new(options.memory),
@@ -182,7 +246,7 @@ pub fn run(
             let (shared, job_in) = (&shared, job_in.clone());
             scope.spawn(move || job_in.iter().for_each(|job| shared.work(job)));
         }
-        drive(&mut coordinator, &shared, &job_out, &inbox, cancel, &mut running);
+        drive(&mut coordinator, &shared, &job_out, &inbox, &mut running);
     });
     let Ended { states, evicted, fatal } = coordinator.finish();
     if let Some(error) = fatal {
@@ -190,8 +254,7 @@ pub fn run(
     }
     let totals = count(&states);
     let when = millis(started);
-    let course =
-        Course { plan, wanted, order: &order, states: &states, evicted: &evicted, sources: &sources, when, jobs };
+    let course = Course { plan, wanted, order: &order, states: &states, evicted: &evicted, sources, when, jobs };
     let record = course.record(cache, clock.elapsed())?;
     record.write(cache)?;
     let seconds = clock.elapsed().as_secs_f64();
@@ -206,16 +269,15 @@ fn drive(
     shared: &Shared,
     jobs: &Sender<Job>,
     inbox: &Receiver<Report>,
-    cancel: &Cancel,
     running: &mut Running,
 ) {
     let mut busy = 0;
     loop {
         running.beat();
-        if cancel.is_cancelled() || coordinator.is_stuck() {
-            shared.stop.store(true, Ordering::Relaxed);
+        if coordinator.is_stuck() {
+            shared.stuck.store(true, Ordering::Relaxed);
         }
-        while !shared.stop.load(Ordering::Relaxed) && coordinator.has_ready() {
+        while !shared.stopping() && coordinator.has_ready() {
             if shared.permits.take(1) == 0 {
                 break;
             }

@@ -18,6 +18,7 @@ use super::held::Held;
 use super::key::{Digest, Ingredients, wires};
 use super::memo;
 use super::record::{Read, Record, beside};
+use super::schedule::Cancel;
 use super::sources::Sources;
 use crate::graph::{Call, Plan};
 
@@ -106,7 +107,9 @@ pub(super) struct Shared<'a> {
     pub plan: &'a Plan,
     pub cache: &'a Cache,
     pub sources: &'a Sources,
-    pub stop: &'a AtomicBool,
+    pub cancel: &'a Cancel,
+    /// The cache failed, or a call did and the first failure stops the run: going on makes no sense.
+    pub stuck: AtomicBool,
     pub jobs: usize,
     /// Whether the first failure stops the run.
     pub fail_fast: bool,
@@ -117,6 +120,11 @@ pub(super) struct Shared<'a> {
 }
 
 impl Shared<'_> {
+    /// Whether nothing further is to be started.
+    pub(super) fn stopping(&self) -> bool {
+        self.stuck.load(Ordering::Relaxed) || self.cancel.is_cancelled()
+    }
+
     /// Does a job; a panic anywhere in it is the failure of its call.
     pub(super) fn work(&self, job: Job) {
         let call = job.call();
@@ -359,7 +367,7 @@ impl Host for NodeHost<'_> {
     }
 
     fn cancelled(&self) -> bool {
-        self.shared.stop.load(Ordering::Relaxed)
+        self.shared.stuck.load(Ordering::Relaxed) || self.shared.cancel.stops(self.call)
     }
 
     fn record(&self, name: &str, value: Value) {

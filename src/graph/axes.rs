@@ -73,10 +73,13 @@ pub fn pairs(n: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..n).flat_map(move |i| (i + 1..n).map(move |j| (i, j)))
 }
 
+/// What patterns matched, by folder and pattern.
+pub type Found = BTreeMap<(PathBuf, String), Result<Vec<PathBuf>, String>>;
+
 /// Files found by patterns, looked up once each.
 #[derive(Default)]
 pub struct Globs {
-    known: BTreeMap<(PathBuf, String), Result<Vec<PathBuf>, String>>,
+    pub known: Found,
     pub folders: BTreeSet<PathBuf>,
 }
 
@@ -87,45 +90,68 @@ impl Globs {
         if let Some(known) = self.known.get(&key) {
             return known.clone();
         }
-        let found = self.look(dir, pattern);
+        let found = look(dir, pattern);
+        self.folders.insert(fixed_folder(dir, pattern));
+        let files = found.iter().flatten();
+        self.folders.extend(files.filter_map(|file| dir.join(file).parent().map(Path::to_owned)));
         self.known.insert(key, found.clone());
         found
     }
+}
 
-    fn look(&mut self, dir: &Path, pattern: &str) -> Result<Vec<PathBuf>, String> {
-        let Some(folder) = dir.to_str() else {
-            return Err(format!("the folder {} is not UTF-8", dir.display()));
-        };
-        let absolute = Path::new(pattern).is_absolute() || folder.is_empty();
-        let full = if absolute { pattern.to_owned() } else { format!("{}/{pattern}", Pattern::escape(folder)) };
-        self.folders.insert(fixed_folder(dir, pattern));
-        let options = MatchOptions { require_literal_leading_dot: true, ..MatchOptions::new() };
-        let paths =
-            glob::glob_with(&full, options).map_err(|e| format!("this is not a pattern of files: {}", e.msg))?;
-        let mut files = Vec::new();
-        for path in paths {
-            let path = path.map_err(|e| format!("cannot list {}: {}", e.path().display(), e.error()))?;
-            if !path.is_file() {
-                continue;
-            }
-            self.folders.extend(path.parent().map(Path::to_owned));
-            let relative = if absolute { Some(path.as_path()) } else { path.strip_prefix(dir).ok() };
-            files.push(relative.unwrap_or(&path).to_owned());
-            if files.len() > MOST_ITEMS {
-                return Err(format!("more than {MOST_ITEMS} files match"));
-            }
+/// The files that a pattern in a folder matches now, in order, relative to the folder.
+pub fn look(dir: &Path, pattern: &str) -> Result<Vec<PathBuf>, String> {
+    let (full, absolute) = full_pattern(dir, pattern)?;
+    let options = MatchOptions { require_literal_leading_dot: true, ..MatchOptions::new() };
+    let paths = glob::glob_with(&full, options).map_err(|e| format!("this is not a pattern of files: {}", e.msg))?;
+    let mut files = Vec::new();
+    for path in paths {
+        let path = path.map_err(|e| format!("cannot list {}: {}", e.path().display(), e.error()))?;
+        if !path.is_file() {
+            continue;
         }
-        files.sort();
-        Ok(files)
+        let relative = if absolute { Some(path.as_path()) } else { path.strip_prefix(dir).ok() };
+        files.push(relative.unwrap_or(&path).to_owned());
+        if files.len() > MOST_ITEMS {
+            return Err(format!("more than {MOST_ITEMS} files match"));
+        }
     }
+    files.sort();
+    Ok(files)
+}
+
+/// A pattern with its folder, and whether what it matches is not relative to that.
+fn full_pattern(dir: &Path, pattern: &str) -> Result<(String, bool), String> {
+    let Some(folder) = dir.to_str() else {
+        return Err(format!("the folder {} is not UTF-8", dir.display()));
+    };
+    let absolute = Path::new(pattern).is_absolute() || folder.is_empty();
+    Ok((if absolute { pattern.to_owned() } else { format!("{}/{pattern}", Pattern::escape(folder)) }, absolute))
+}
+
+/// The folders, there or not, in which a new entry could match the pattern or a part of it.
+pub fn listed_folders(dir: &Path, pattern: &str) -> Vec<PathBuf> {
+    let parts: Vec<&str> = pattern.split('/').collect();
+    let fixed = fixed_parts(&parts);
+    let mut folders = vec![fixed_folder(dir, pattern)];
+    for count in fixed + 1..parts.len() {
+        let Ok((full, _)) = full_pattern(dir, &parts[..count].join("/")) else { continue };
+        let Ok(paths) = glob::glob(&full) else { continue };
+        folders.extend(paths.filter_map(Result::ok).filter(|path| path.is_dir()));
+    }
+    folders
+}
+
+/// How many folders of a pattern come before the first that is not literal.
+fn fixed_parts(parts: &[&str]) -> usize {
+    let special = |part: &&&str| part.contains(['*', '?', '[']);
+    parts.iter().take(parts.len() - 1).take_while(|part| !special(part)).count()
 }
 
 /// The folder that holds all matches of a pattern.
 fn fixed_folder(dir: &Path, pattern: &str) -> PathBuf {
-    let special = |part: &str| part.contains(['*', '?', '[']);
     let parts: Vec<&str> = pattern.split('/').collect();
-    let fixed = parts.iter().take(parts.len() - 1).take_while(|part| !special(part));
-    let path = fixed.fold(String::new(), |path, part| path + part + "/");
+    let path = parts[..fixed_parts(&parts)].iter().fold(String::new(), |path, part| path + part + "/");
     tidy(&dir.join(path))
 }
 

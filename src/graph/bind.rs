@@ -39,7 +39,8 @@ pub struct Binder {
     pub bounds: Vec<Bound>,
     by_text: HashMap<Written, usize>,
     by_value: HashMap<(&'static str, String), usize>,
-    exists: HashMap<PathBuf, bool>,
+    /// Whether each input file was there.
+    pub exists: HashMap<PathBuf, bool>,
 }
 
 /// The params of a node; `item` is where it is on its axis.

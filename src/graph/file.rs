@@ -65,6 +65,8 @@ pub struct GraphFile {
 pub struct Files {
     read: BTreeMap<PathBuf, Option<Rc<GraphFile>>>,
     pub planned_from: Vec<PathBuf>,
+    /// What each file held, `None` if it could not be read.
+    pub texts: BTreeMap<PathBuf, Option<Vec<u8>>>,
 }
 
 impl Files {
@@ -109,7 +111,9 @@ impl Files {
     ) -> Option<Rc<GraphFile>> {
         self.planned_from.push(path.to_owned());
         let name = path.display().to_string();
-        let text = match text(path) {
+        let bytes = bytes(path);
+        self.texts.insert(path.to_owned(), bytes.as_ref().ok().cloned());
+        let text = match bytes.and_then(text) {
             Ok(text) => text,
             Err(why) => {
                 let span = from.unwrap_or_else(|| report.sources.add(name.clone(), ""));
@@ -131,12 +135,16 @@ impl Files {
     }
 }
 
-fn text(path: &Path) -> Result<String, String> {
+/// The content of a graph file.
+pub fn bytes(path: &Path) -> Result<Vec<u8>, String> {
     let size = std::fs::metadata(path).map_err(|e| e.to_string())?.len();
     if size > LARGEST {
         return Err(format!("it has {size} bytes; a graph has at most {LARGEST}"));
     }
-    let bytes = std::fs::read(path).map_err(|e| e.to_string())?;
+    std::fs::read(path).map_err(|e| e.to_string())
+}
+
+fn text(bytes: Vec<u8>) -> Result<String, String> {
     String::from_utf8(bytes).map_err(|e| format!("byte {} is not UTF-8", e.utf8_error().valid_up_to()))
 }
 

@@ -11,6 +11,7 @@
 //! | `bind` | typed params |
 //! | `expand`, `assemble` | repeats nodes along axes and merges equal calls |
 //! | [`plan`](mod@plan) | the result |
+//! | `observed` | what planning looked at, to be looked at again |
 //! | [`picture`] | the plan as a picture |
 
 mod assemble;
@@ -20,6 +21,7 @@ mod check;
 mod expand;
 mod file;
 mod flatten;
+mod observed;
 mod overrides;
 pub mod picture;
 pub mod plan;
@@ -33,6 +35,7 @@ use std::rc::Rc;
 
 use salient_sdk::Registry;
 
+pub use observed::{Difference, Observed};
 pub use overrides::Overrides;
 pub use plan::{Call, Plan, Shown, Wire};
 
@@ -50,6 +53,11 @@ pub const OPEN_INPUT: &str = "open-input";
 
 /// Reads a graph file and makes a plan of it, or says all that is wrong with it at once.
 pub fn plan(file: &Path, overrides: &Overrides, registry: &Registry) -> Result<Plan, Diagnostics> {
+    plan_observed(file, overrides, registry).0
+}
+
+/// As [`plan`], with all that was looked at on the way: as long as none of it changes, neither does the result.
+pub fn plan_observed(file: &Path, overrides: &Overrides, registry: &Registry) -> (Result<Plan, Diagnostics>, Observed) {
     let mut planner = Planner {
         report: Diagnostics::default(),
         files: Files::default(),
@@ -59,15 +67,16 @@ pub fn plan(file: &Path, overrides: &Overrides, registry: &Registry) -> Result<P
         assembly: Assembly::default(),
     };
     planner.run(file, overrides);
-    let Planner { mut report, files, globs, assembly, .. } = planner;
+    let Planner { mut report, files, globs, binder, assembly, .. } = planner;
+    let observed = Observed { texts: files.texts, globs: globs.known, files: binder.exists.into_iter().collect() };
     if !report.is_empty() {
         report.tidy();
-        return Err(report);
+        return (Err(report), observed);
     }
     let mut plan = assembly.plan;
     plan.planned_from = files.planned_from;
     plan.planned_from.extend(globs.folders);
-    Ok(plan)
+    (Ok(plan), observed)
 }
 
 /// What the variants of one plan share.

@@ -6,9 +6,12 @@ mod bad_meshes;
 mod compare;
 mod compare_real;
 mod executed;
+mod kills;
 mod real;
 mod registry;
 mod values;
+mod watch;
+mod watch_files;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};

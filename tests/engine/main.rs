@@ -6,6 +6,7 @@ mod toy;
 
 mod caching;
 mod failures;
+mod fuzz;
 mod lab;
 mod memo;
 mod oracle;
