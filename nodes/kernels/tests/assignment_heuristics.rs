@@ -1,6 +1,7 @@
 //! The heuristics one by one, against proved optima; and what holds of the solver on problems like the matcher's.
 
 #![expect(clippy::float_cmp, reason = "exact equality is what is claimed")]
+#![expect(clippy::unwrap_used, reason = "helpers of tests lie outside any test function")]
 
 use salient_kernels::assignment::{
     Control, Heuristics, Limits, Problem, ProblemBuilder, Proposal, StopReason, Synthetic, solve,
@@ -120,7 +121,7 @@ fn a_swap_of_left_and_right_changes_nothing() {
         let trace = |p: &Problem| {
             let seen = RefCell::new(Vec::new());
             let progress = |s: &salient_kernels::assignment::Progress| {
-                seen.borrow_mut().push((s.nodes, s.objective, s.upper_bound))
+                seen.borrow_mut().push((s.nodes, s.objective, s.upper_bound));
             };
             let s = solve(p, &limits, &Control { progress: &progress, ..Control::default() }).unwrap();
             (seen.into_inner(), s)
