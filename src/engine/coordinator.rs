@@ -144,7 +144,9 @@ impl<'a> Coordinator<'a> {
     pub(super) fn next(&mut self) -> Option<Job> {
         let (step, _, Reverse(call)) = self.ready.pop()?;
         let producers = &self.cone.place(call).producers;
-        if let Some(because) = producers.iter().find_map(|p| self.blame(*p)) {
+        // What is known already needs no inputs.
+        let needs_inputs = step != Step::Load;
+        if let Some(because) = producers.iter().filter(|_| needs_inputs).find_map(|p| self.blame(*p)) {
             self.skip(call, &because);
             return None;
         }

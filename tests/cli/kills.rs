@@ -3,6 +3,7 @@
 //! `SALIENT_KILLS=500` tries so many moments, `SALIENT_FUZZ_SEED` others.
 
 use std::collections::BTreeSet;
+use std::fmt::Write as _;
 use std::process::Stdio;
 use std::time::Duration;
 
@@ -19,8 +20,8 @@ fn graph(tag: u64) -> String {
     let mut nodes = String::from("\"a\": read(path: \"a.txt\"),\n");
     for i in 0..12 {
         let time = 1 + i % 4;
-        nodes += &format!("\"s{i}\": slow(x: \"a\", millis: {time}, tag: {}),\n", tag * 100 + i);
-        nodes += &format!("\"t{i}\": slow(x: \"s{i}\", millis: {time}, tag: 1),\n");
+        let _ = writeln!(nodes, "\"s{i}\": slow(x: \"a\", millis: {time}, tag: {}),", tag * 100 + i);
+        let _ = writeln!(nodes, "\"t{i}\": slow(x: \"s{i}\", millis: {time}, tag: 1),");
     }
     let terms: Vec<_> = (0..12).map(|i| format!("\"t{i}\"")).collect();
     format!("(format: 1, nodes: {{\n{nodes}\"total\": sum(terms: [{}])}}, show: [\"total\"])", terms.join(", "))

@@ -92,7 +92,8 @@ pub struct Model {
 fn content(dice: &mut Dice) -> String {
     let lines = ["1", "-2", "0", "2.5", "7", "7", "?", "include f1.txt", "maybe f2.dat", "maybe none", "oops"];
     let usual = lines.len() - usize::from(dice.roll(4) > 0);
-    (0..=dice.roll(4)).map(|_| format!("{}\n", dice.pick(&lines[..usual]))).collect()
+    let lines: Vec<_> = (0..=dice.roll(4)).map(|_| *dice.pick(&lines[..usual])).collect();
+    lines.join("\n") + "\n"
 }
 
 fn plain(dice: &mut Dice) -> String {
@@ -137,7 +138,8 @@ impl Model {
             }
             2 => {
                 let (from, to) = (dice.roll(3), dice.roll(3));
-                self.files[to] = self.files[from].clone();
+                let text = self.files[from].clone();
+                self.files[to] = text;
                 format!("{} becomes a copy of {}", FILES[to], FILES[from])
             }
             3 => {
@@ -285,9 +287,11 @@ impl Model {
     pub fn shown(&self) -> Vec<String> {
         let mut all = Vec::new();
         for i in &self.show {
-            match self.along(*i) {
-                true => all.extend(self.shapes.keys().map(|stem| format!("{}[{stem}]", self.nodes[*i].0))),
-                false => all.push(self.nodes[*i].0.clone()),
+            let name = &self.nodes[*i].0;
+            if self.along(*i) {
+                all.extend(self.shapes.keys().map(|stem| format!("{name}[{stem}]")));
+            } else {
+                all.push(name.clone());
             }
         }
         all
@@ -388,7 +392,7 @@ fn kind(dice: &mut Dice, below: usize) -> Kind {
         7 => Kind::Wide(x),
         8 => Kind::Sub(x),
         9 => Kind::All(x),
-        _ => Kind::Sum((0..1 + dice.roll(3)).map(|_| dice.roll(below)).collect()),
+        _ => Kind::Sum((0..=dice.roll(3)).map(|_| dice.roll(below)).collect()),
     }
 }
 
