@@ -159,15 +159,20 @@ impl Cache {
         self.root.join("records").join(&name[..2]).join(name)
     }
 
-    /// Keeps a record under its key. Nearly all nodes find no further files; a folder for each of their records would
-    /// cost more than the record.
-    pub fn put_record(&self, record: &Record) -> Result<(), CacheError> {
+    /// Where a record is. Nearly all nodes find no further files; a folder for each of their records would cost more
+    /// than the record.
+    #[must_use]
+    pub fn record_path(&self, record: &Record) -> PathBuf {
         let dir = self.record_dir(&record.ingredients.key());
-        let path = match record.reads.as_slice() {
+        match record.reads.as_slice() {
             [] => dir.with_extension("json"),
             _ => dir.join(format!("{}.json", record.reads_digest())),
-        };
-        self.write_sealed(&path, record)
+        }
+    }
+
+    /// Keeps a record under its key.
+    pub fn put_record(&self, record: &Record) -> Result<(), CacheError> {
+        self.write_sealed(&self.record_path(record), record)
     }
 
     /// All records of a key, and the paths of damaged ones, which have been removed.
