@@ -302,7 +302,7 @@ fn cache_commands() {
     desk.ok(&["run", "g.ron"]);
     let stat: Value = serde_json::from_str(&desk.ok(&["cache", "stat", "--json"])).unwrap();
     assert_eq!((&stat["records"], &stat["runs"]), (&4.into(), &1.into()));
-    assert!(desk.ok(&["cache", "verify"]).starts_with("3 outputs and 4 records are whole"));
+    assert!(desk.ok(&["cache", "verify"]).starts_with("3 outputs, 4 records and 0 packs are whole"));
     let gc = desk.ok(&["cache", "gc", "--max-size", "0", "--max-age", "1d"]);
     assert!(gc.contains("were kept"), "{gc}");
     assert!(desk.executed().is_empty());

@@ -253,7 +253,7 @@ impl World {
             let Some(record) = state.record() else { continue };
             let it = &calls[plan.name(*call)];
             let (Some(identity), Some(output)) = (&it.identity, &it.output) else { continue };
-            self.records.insert(identity.clone(), path(cache, record));
+            self.records.insert(identity.clone(), cache.record_path(record));
             self.objects.insert(output.clone(), cache.object_path(&record.digest));
             self.recorded.insert(identity.clone());
             if matches!(state, State::Computed(_)) {
@@ -321,10 +321,4 @@ impl World {
         self.stored.retain(|output| self.objects[output].exists());
         format!("collected: size {size:?}, age {age:?}")
     }
-}
-
-/// Where a record is; the layout of the cache is documented.
-fn path(cache: &Cache, record: &Record) -> PathBuf {
-    let key = record.ingredients.key().to_string();
-    cache.root().join("records").join(&key[..2]).join(key).join(format!("{}.json", record.reads_digest()))
 }
