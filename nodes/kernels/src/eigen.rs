@@ -21,7 +21,7 @@ mod solver;
 mod vectors;
 
 use crate::laplacian::Operator;
-use problem::{Kernel, Problem};
+use problem::Problem;
 use solver::solve;
 use std::fmt;
 
@@ -241,7 +241,6 @@ pub fn eigenpairs(
     if operator.mass.len() != n {
         return Err(EigenError::MassLength { rows: n, masses: operator.mass.len() });
     }
-    let kernel = Kernel::of_components(&operator.stiffness)?;
-    let problem = Problem::new(&operator.stiffness, &operator.mass, Some(kernel))?;
+    let problem = Problem::new(&operator.stiffness, &operator.mass)?;
     solve(&problem, k, options, hooks)
 }

@@ -110,10 +110,9 @@ impl Columns<'_> {
         let Some(first) = first else { return 0.0 };
         let mut squares = vec![0.0f64; self.null.count];
         for i in 0..self.problem.n() {
-            if let Some((label, unit)) = self.problem.null_entry(i) {
-                let residual = self.problem.stiffness.row_sum(i) * unit / self.problem.root[i].powi(2);
-                squares[label] += residual * residual;
-            }
+            let (label, unit) = self.problem.null_entry(i);
+            let residual = self.problem.stiffness.row_sum(i) * unit / self.problem.root[i].powi(2);
+            squares[label] += residual * residual;
         }
         squares.iter().fold(0.0f64, |worst, s| worst.max(s.sqrt())) / first
     }

@@ -42,9 +42,8 @@ pub(super) fn lifted(problem: &Problem<'_>) -> Mat<f64> {
     }
     for j in 0..n {
         for i in 0..n {
-            if let (Some((p, x)), Some((q, y))) = (problem.null_entry(i), problem.null_entry(j))
-                && p == q
-            {
+            let ((p, x), (q, y)) = (problem.null_entry(i), problem.null_entry(j));
+            if p == q {
                 a[(i, j)] += 2.0 * bound * x * y;
             }
         }

@@ -7,107 +7,81 @@ use crate::sparse::SymmetricCsr;
 use faer::MatMut;
 use faer::prelude::Reborrow;
 
-/// The known null space: one indicator per connected component.
-pub(crate) struct Kernel {
-    labels: Vec<u32>,
-    count: usize,
-}
-
-impl Kernel {
-    /// The null space of a Laplacian; an error if a row does not sum to zero.
-    pub(crate) fn of_components(stiffness: &SymmetricCsr) -> Result<Self, EigenError> {
-        for i in 0..stiffness.n() {
-            let magnitude: f64 = stiffness.row(i).map(|e| e.1.abs()).sum();
-            if !magnitude.is_finite() {
-                return Err(EigenError::NotFinite { vertex: i });
-            }
-            if stiffness.row_sum(i).abs() > 1e-12 * magnitude {
-                return Err(EigenError::NotLaplacian { vertex: i });
-            }
-        }
-        let (count, labels) = stiffness.components();
-        Ok(Self { labels, count })
-    }
-}
-
 pub(crate) struct Problem<'a> {
     pub(super) stiffness: &'a SymmetricCsr,
     pub(super) mass: &'a [f64],
     pub(super) area: f64,
     /// The diagonal of R.
     pub(super) root: Vec<f64>,
-    pub(super) kernel: Option<Kernel>,
+    /// The connected component of each vertex: their indicators span the null space.
+    labels: Vec<u32>,
     /// Square roots of the components' shares of the area.
     component_roots: Vec<f64>,
-    /// Row sums of M: zero with a kernel, the pull towards the fixed boundary otherwise.
-    row_sums: Vec<f64>,
 }
 
 impl<'a> Problem<'a> {
-    /// A symmetric stiffness matrix and as many positive masses. Without a kernel the matrix must be positive definite.
-    pub(crate) fn new(
-        stiffness: &'a SymmetricCsr,
-        mass: &'a [f64],
-        kernel: Option<Kernel>,
-    ) -> Result<Self, EigenError> {
+    /// A symmetric stiffness matrix whose rows sum to zero, and as many positive masses.
+    pub(crate) fn new(stiffness: &'a SymmetricCsr, mass: &'a [f64]) -> Result<Self, EigenError> {
+        for vertex in 0..stiffness.n() {
+            let magnitude: f64 = stiffness.row(vertex).map(|e| e.1.abs()).sum();
+            if !magnitude.is_finite() {
+                return Err(EigenError::NotFinite { vertex });
+            }
+            if stiffness.row_sum(vertex).abs() > 1e-12 * magnitude {
+                return Err(EigenError::NotLaplacian { vertex });
+            }
+        }
         if let Some(vertex) = mass.iter().position(|s| !(s.is_finite() && *s > 0.0)) {
             return Err(EigenError::NotFinite { vertex });
         }
         let area: f64 = mass.iter().sum();
         let root: Vec<f64> = mass.iter().map(|s| (s / area).sqrt()).collect();
-        let mut shares = vec![0.0; kernel.as_ref().map_or(0, |k| k.count)];
-        let mut row_sums = vec![0.0; mass.len()];
-        match &kernel {
-            Some(kernel) => {
-                for (&label, r) in kernel.labels.iter().zip(&root) {
-                    shares[label as usize] += r * r;
-                }
-            }
-            None => row_sums = (0..mass.len()).map(|i| stiffness.row_sum(i)).collect(),
+        let (components, labels) = stiffness.components();
+        let mut shares = vec![0.0f64; components];
+        for (&label, r) in labels.iter().zip(&root) {
+            shares[label as usize] += r * r;
         }
-        let component_roots = shares.iter().map(|s: &f64| s.sqrt()).collect();
-        Ok(Self { stiffness, mass, area, root, kernel, component_roots, row_sums })
+        let component_roots = shares.into_iter().map(f64::sqrt).collect();
+        Ok(Self { stiffness, mass, area, root, labels, component_roots })
     }
 
     pub(super) fn n(&self) -> usize {
         self.mass.len()
     }
 
-    /// The dimension of the known null space.
+    /// The dimension of the null space: the number of components.
     pub(super) fn nullity(&self) -> usize {
         self.component_roots.len()
     }
 
     /// Unit vector of a component, at a vertex: nonzero only inside the component.
-    pub(super) fn null_entry(&self, vertex: usize) -> Option<(usize, f64)> {
-        let label = self.kernel.as_ref()?.labels[vertex] as usize;
-        Some((label, self.root[vertex] / self.component_roots[label]))
+    pub(super) fn null_entry(&self, vertex: usize) -> (usize, f64) {
+        let label = self.labels[vertex] as usize;
+        (label, self.root[vertex] / self.component_roots[label])
     }
 
     /// The null space by rows in elimination order.
     pub(super) fn null(&self, order: &[u32]) -> Null {
-        let entry = |v: &u32| self.null_entry(*v as usize);
-        let (labels, units) = order.iter().filter_map(entry).map(|(label, unit)| (label as u32, unit)).unzip();
+        let entry = |v: &u32| {
+            let (label, unit) = self.null_entry(*v as usize);
+            (label as u32, unit)
+        };
+        let (labels, units) = order.iter().map(entry).unzip();
         Null { labels, units, count: self.nullity() }
     }
 
     /// Removes the null space from every column.
     pub(super) fn project_out_kernel(&self, columns: MatMut<'_, f64>) {
-        if self.kernel.is_none() {
-            return;
-        }
         let mut along = vec![0.0; self.nullity()];
         for column in columns.col_iter_mut() {
             along.fill(0.0);
             for (i, x) in column.rb().iter().enumerate() {
-                if let Some((label, unit)) = self.null_entry(i) {
-                    along[label] += unit * x;
-                }
+                let (label, unit) = self.null_entry(i);
+                along[label] += unit * x;
             }
             for (i, x) in column.iter_mut().enumerate() {
-                if let Some((label, unit)) = self.null_entry(i) {
-                    *x -= unit * along[label];
-                }
+                let (label, unit) = self.null_entry(i);
+                *x -= unit * along[label];
             }
         }
     }
@@ -148,7 +122,7 @@ impl<'a> Problem<'a> {
             }
             let r = self.root[i];
             for q in 0..WIDTH {
-                energy[q] += (self.row_sums[i] * x[q]).mul_add(x[q], 0.5 * edges[q]);
+                energy[q] += 0.5 * edges[q];
                 norm[q] += (r * x[q]) * (r * x[q]);
             }
         }
@@ -169,7 +143,7 @@ impl<'a> Problem<'a> {
             }
             let r = self.root[i];
             for q in 0..WIDTH {
-                let residual = (product[q] + self.row_sums[i] * x[q] - lambda[q] * r * r * x[q]) / r;
+                let residual = (product[q] - lambda[q] * r * r * x[q]) / r;
                 let magnitude = magnitude[q] / r;
                 norm[q] = residual.mul_add(residual, norm[q]);
                 rounding[q] = magnitude.mul_add(magnitude, rounding[q]);

@@ -20,7 +20,7 @@ const ORTHOGONALITY: f64 = 1e-10;
 /// Attempts before giving up, each with other shifts and, if pairs were missing, more fresh blocks.
 const ATTEMPTS: usize = 6;
 
-/// See [`super::eigenpairs`]; without a kernel, all eigenvalues count as positive.
+/// See [`super::eigenpairs`].
 pub(crate) fn solve(
     problem: &Problem<'_>,
     k: usize,
@@ -221,9 +221,8 @@ impl Solver<'_> {
         let null = self.null.count.min(k);
         let mut vectors = vec![0.0; n * k];
         for i in 0..n {
-            if let Some((label, unit)) = problem.null_entry(i)
-                && label < null
-            {
+            let (label, unit) = problem.null_entry(i);
+            if label < null {
                 vectors[label * n + i] = unit / problem.root[i] / problem.area.sqrt();
             }
         }
