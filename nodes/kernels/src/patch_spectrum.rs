@@ -13,7 +13,7 @@ mod sparse;
 mod tridiagonal;
 
 use crate::eigen::Hooks;
-use crate::laplacian::{Area, LaplacianError, laplacian};
+use crate::laplacian::{Area, LaplacianError, Operator, laplacian};
 use factor::Factoriser;
 use problem::Doubled;
 use std::fmt;
@@ -136,8 +136,8 @@ pub fn patch_spectrum(
         return Err(PatchError::TooFew { wanted: count, available });
     }
     let patch_area = operator.area();
-    let problem = Doubled::new(&operator, if doubled { &interior } else { &[] }).ok_or(PatchError::Memory)?;
-    let mut values = scaled_values(&problem, doubled, count, options, hooks)?;
+    let inner: &[u32] = if doubled { &interior } else { &[] };
+    let mut values = scaled_values(&operator, inner, doubled, count, options, hooks)?;
     values.iter_mut().for_each(|value| *value /= patch_area);
     Ok(PatchSpectrum { values, doubled, patch_area, closed_area: if doubled { 2.0 * patch_area } else { patch_area } })
 }
@@ -147,19 +147,22 @@ const DENSE_AT_MOST: usize = 3000;
 
 /// The values of the patch scaled to unit area.
 fn scaled_values(
-    problem: &Doubled,
+    operator: &Operator,
+    interior: &[u32],
     doubled: bool,
     count: usize,
     options: &PatchOptions,
     hooks: &dyn Hooks,
 ) -> Result<Vec<f64>, PatchError> {
-    let n = problem.n();
+    let n = operator.mass.len();
     // With most of the spectrum wanted, Lanczos would make bases as large as the matrices.
-    if n <= options.dense_limit || 5 * count > n + problem.interior {
-        if let Some(values) = dense_values(problem, count)? {
+    if n <= options.dense_limit || 5 * count > n + interior.len() {
+        let problem = Doubled::new(operator, interior, false).ok_or(PatchError::Memory)?;
+        if let Some(values) = dense_values(&problem, count)? {
             return Ok(values);
         }
     }
+    let problem = &Doubled::new(operator, interior, true).ok_or(PatchError::Memory)?;
     let factoriser = Factoriser::new(problem).ok_or(PatchError::Memory)?;
     let attempts = if doubled {
         [sparse::lowest::<4, 2>, sparse::lowest::<8, 4>]

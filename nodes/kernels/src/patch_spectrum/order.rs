@@ -10,12 +10,22 @@ use faer::sparse::linalg::amd;
 
 const NONE: u32 = u32::MAX;
 
-/// The rows of a symmetric matrix in elimination order, `interior` (ascending) before the others; `None` if memory ran out.
-pub(super) fn elimination_order(matrix: &SymmetricCsr, interior: &[u32]) -> Option<Vec<u32>> {
-    let n = matrix.n();
+/// Vertices 0..n, `interior` (ascending) before the others.
+pub(super) fn inner_first(n: usize, interior: &[u32]) -> Vec<u32> {
+    let mut order = interior.to_vec();
+    order.extend(others(n, interior));
+    order
+}
+
+fn others(n: usize, interior: &[u32]) -> Vec<u32> {
     let mut inside = vec![false; n];
     interior.iter().for_each(|&i| inside[i as usize] = true);
-    let boundary: Vec<u32> = (0..n as u32).filter(|&i| !inside[i as usize]).collect();
+    (0..n as u32).filter(|&i| !inside[i as usize]).collect()
+}
+
+/// The rows of a symmetric matrix in elimination order, `interior` (ascending) before the others; `None` if memory ran out.
+pub(super) fn elimination_order(matrix: &SymmetricCsr, interior: &[u32]) -> Option<Vec<u32>> {
+    let boundary = others(matrix.n(), interior);
     let mut order = minimum_degree(matrix, interior)?;
     order.extend(minimum_degree(matrix, &boundary)?);
     let parents = elimination_tree(matrix, &order);

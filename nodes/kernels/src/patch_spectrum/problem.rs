@@ -1,6 +1,6 @@
 //! The patch's two problems in one matrix: A y = lambda y, A = R^-1 M R^-1 with R = (S / area)^1/2, in elimination order.
 
-use super::order::elimination_order;
+use super::order::{elimination_order, inner_first};
 use crate::laplacian::Operator;
 
 /// A of the Neumann problem; that of the Dirichlet problem is its leading block.
@@ -19,11 +19,12 @@ pub(super) struct Doubled {
 }
 
 impl Doubled {
-    /// `interior` lists the inner vertices, ascending; `None` if memory ran out.
-    pub fn new(operator: &Operator, interior: &[u32]) -> Option<Self> {
+    /// `interior` lists the inner vertices, ascending. With `fill` the order is one that keeps factors sparse, else any with inner
+    /// vertices first. `None` if memory ran out.
+    pub fn new(operator: &Operator, interior: &[u32], fill: bool) -> Option<Self> {
         let matrix = &operator.stiffness;
         let n = matrix.n();
-        let order = elimination_order(matrix, interior)?;
+        let order = if fill { elimination_order(matrix, interior)? } else { inner_first(n, interior) };
         let mut position = vec![0u32; n];
         for (at, &row) in order.iter().enumerate() {
             position[row as usize] = at as u32;

@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 /// Accepted bound of the relative error of a value.
 const TOLERANCE: f64 = 1e-11;
 /// Accepted effect of the rounding of solves on a value, relative to it.
-const ROUNDING: f64 = 1e-11;
+const ROUNDING: f64 = 1e-10;
 /// How far, relatively, Rayleigh quotients may be from the Ritz values that they replace.
 const AGREEMENT: f64 = 1e-4;
 /// The cut lies in a gap at least this wide, relative to the value above it.
@@ -86,8 +86,8 @@ struct Search<'a, const L: usize, const B: usize> {
 enum Verdict {
     /// This many panels more seem to be needed.
     Wait(usize),
-    /// These, and a cut above the last of them; and how many of each problem are below the cut.
-    Settled { values: Vec<f64>, cut: f64, below: [usize; 2] },
+    /// These, each with the problem that it belongs to: the wanted ones and what is in a cluster with the last; and a cut above them.
+    Settled { found: Vec<(f64, usize)>, cut: f64 },
 }
 
 impl<const L: usize, const B: usize> Search<'_, L, B> {
@@ -108,9 +108,9 @@ impl<const L: usize, const B: usize> Search<'_, L, B> {
             }
             match self.verdict() {
                 Some(Verdict::Wait(more)) => next += more,
-                Some(Verdict::Settled { values, cut, below }) => {
-                    if self.certified(cut, below) {
-                        return Ok(self.accurate(values, below));
+                Some(Verdict::Settled { found, cut }) => {
+                    if self.certified(cut, &found) {
+                        return Ok(self.accurate(found));
                     }
                     // A value is missing that a few more panels may show.
                     misses += 1;
@@ -127,15 +127,20 @@ impl<const L: usize, const B: usize> Search<'_, L, B> {
         }
     }
 
-    /// The values, by Rayleigh quotients if rounding may be in them.
-    fn accurate(&self, values: Vec<f64>, below: [usize; 2]) -> Option<Vec<f64>> {
-        if values.iter().all(|&value| self.run.rounding(value) <= ROUNDING) {
+    /// The values wanted, the low ones by Rayleigh quotients if rounding may be in them.
+    fn accurate(&self, found: Vec<(f64, usize)>) -> Option<Vec<f64>> {
+        let low = found.iter().take_while(|f| self.run.rounding(f.0) > ROUNDING).count();
+        let mut values: Vec<f64> = found.iter().map(|f| f.0).collect();
+        values.truncate(self.count);
+        if low == 0 {
             return Some(values);
         }
         let mut all = Vec::new();
         for which in 0..Self::PROBLEMS {
-            all.extend(self.run.rayleigh_quotients(which, below[which])?);
+            let count = found[..low].iter().filter(|f| f.1 == which).count();
+            all.extend(self.run.rayleigh_quotients(which, count)?);
         }
+        all.extend(found[low..].iter().map(|f| f.0));
         all.sort_by(f64::total_cmp);
         all.truncate(self.count);
         // They see errors of vectors squared: if they are far from the Ritz values, those are wrong by more than rounding.
@@ -143,8 +148,9 @@ impl<const L: usize, const B: usize> Search<'_, L, B> {
         all.iter().zip(&values).all(near).then_some(all)
     }
 
-    /// Whether both problems have as many values below the cut, and below the shift, as were found.
-    fn certified(&self, cut: f64, below: [usize; 2]) -> bool {
+    /// Whether both problems have as many values below the cut as were found.
+    fn certified(&self, cut: f64, found: &[(f64, usize)]) -> bool {
+        let below: [usize; 2] = std::array::from_fn(|which| found.iter().filter(|f| f.1 == which).count());
         let counts = self.factoriser.factor(cut).map(|numbers| numbers.counts());
         counts.is_some_and(|counts| positive(counts, Self::PROBLEMS) == below)
     }
@@ -168,7 +174,7 @@ impl<const L: usize, const B: usize> Search<'_, L, B> {
             return Some(Verdict::Wait(if panels.is_finite() { (panels.ceil() as usize).clamp(1, 6) } else { 2 }));
         }
         let cut = value(last) + 0.4 * (value(last + 1) - value(last));
-        let below = std::array::from_fn(|which| all[..=last].iter().filter(|r| r.1 == which).count());
-        Some(Verdict::Settled { values: (0..self.count).map(value).collect(), cut, below })
+        let found = all[..=last].iter().map(|r| (r.0.value, r.1)).collect();
+        Some(Verdict::Settled { found, cut })
     }
 }

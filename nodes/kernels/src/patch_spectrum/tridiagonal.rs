@@ -6,7 +6,8 @@ use super::panel::vectorised;
 /// Iterations per eigenvalue; two are usual.
 const MAX_ITERATIONS: usize = 60;
 
-/// Eigenvalues, ascending, of a symmetric matrix of order n given in full, row-major; `None` if they do not converge.
+/// Eigenvalues, ascending, of a symmetric matrix of order n, row-major, of which the lower triangle is read; `None` if they do not
+/// converge.
 ///
 /// Each of `rows`, of length n, is multiplied by the matrix of eigenvectors: unit vector i becomes the i-th components of all
 /// eigenvectors, in the order of the values. The matrix is overwritten.
@@ -41,6 +42,27 @@ fn dot(x: &[f64], y: &[f64]) -> f64 {
     ((sums[0] + sums[4]) + (sums[1] + sums[5])) + ((sums[2] + sums[6]) + (sums[3] + sums[7])) + rest
 }
 
+/// line'v, while `sums` gains the line times `factor`: one pass over a row of the lower triangle serves the upper one too.
+#[inline(always)]
+fn dot_and_add(line: &[f64], v: &[f64], factor: f64, sums: &mut [f64]) -> f64 {
+    let (line8, line_rest) = line.as_chunks::<8>();
+    let (v8, v_rest) = v.as_chunks::<8>();
+    let (sums8, sums_rest) = sums.as_chunks_mut::<8>();
+    let mut dots = [0.0; 8];
+    for ((line, v), sums) in line8.iter().zip(v8).zip(sums8) {
+        for l in 0..8 {
+            dots[l] = line[l].mul_add(v[l], dots[l]);
+            sums[l] = factor.mul_add(line[l], sums[l]);
+        }
+    }
+    let mut rest = 0.0;
+    for ((line, v), sum) in line_rest.iter().zip(v_rest).zip(sums_rest) {
+        rest = line.mul_add(*v, rest);
+        *sum = factor.mul_add(*line, *sum);
+    }
+    ((dots[0] + dots[4]) + (dots[1] + dots[5])) + ((dots[2] + dots[6]) + (dots[3] + dots[7])) + rest
+}
+
 /// The diagonal, and what is beside it: `off[i]` between i and i + 1, with a zero at the end.
 ///
 /// Columns are eliminated from the last, so that what is left is the leading block, in rows that begin where memory rows begin.
@@ -63,17 +85,19 @@ fn tridiagonalise(a: &mut [f64], n: usize, rows: &mut [Vec<f64>]) -> (Vec<f64>, 
         off[k - 1] = pivot;
         v[k - 1] -= pivot;
         let scale = -1.0 / (pivot * v[k - 1]);
-        // A - v w' - w v' with w = p - (scale p'v / 2) v, p = scale A v.
-        for (i, p) in p.iter_mut().enumerate() {
-            *p = scale * dot(&a[i * n..i * n + k], v);
+        // A - v w' - w v' with w = p - (scale p'v / 2) v, p = scale A v; only the lower triangle is there.
+        for i in 0..k {
+            let line = &a[i * n..i * n + i];
+            p[i] = a[i * n + i].mul_add(v[i], dot_and_add(line, &v[..i], v[i], &mut p[..i]));
         }
+        p.iter_mut().for_each(|p| *p *= scale);
         let half = 0.5 * scale * dot(p, v);
         for (p, v) in p.iter_mut().zip(&*v) {
             *p -= half * v;
         }
         for i in 0..k {
             let (vi, wi) = (-v[i], -p[i]);
-            for (a, (v, w)) in a[i * n..i * n + k].iter_mut().zip(v.iter().zip(&*p)) {
+            for (a, (v, w)) in a[i * n..=i * n + i].iter_mut().zip(v.iter().zip(&*p)) {
                 *a = vi.mul_add(*w, wi.mul_add(*v, *a));
             }
         }
@@ -135,4 +159,49 @@ fn ql(d: &mut [f64], e: &mut [f64], rows: &mut [Vec<f64>]) -> Option<()> {
         }
     }
     Some(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+
+    #[test]
+    fn values_and_vectors_rebuild_the_matrix() {
+        let mut random = Random::new(&[3]);
+        for n in [0, 1, 2, 3, 9, 24, 41] {
+            let mut a = vec![0.0; n * n];
+            for i in 0..n {
+                for j in 0..=i {
+                    a[i * n + j] = random.signed();
+                    a[j * n + i] = a[i * n + j];
+                }
+            }
+            let mut rows: Vec<Vec<f64>> =
+                (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect();
+            let values = eigenvalues(&mut a.clone(), n, &mut rows).expect("converges");
+            assert!(values.is_sorted());
+            for i in 0..n {
+                for j in 0..n {
+                    let entry: f64 = (0..n).map(|c| rows[i][c] * values[c] * rows[j][c]).sum();
+                    assert!((entry - a[i * n + j]).abs() < 1e-13 * (n + 1) as f64, "{n}: ({i}, {j})");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn matrices_that_split_are_solved_too() {
+        // Diagonal, with zeros, and two equal blocks.
+        let mut diagonal = vec![0.0; 25];
+        (0..4).for_each(|i| diagonal[i * 6] = [3.0, 0.0, -1.0, 3.0][i]);
+        assert_eq!(eigenvalues(&mut diagonal, 5, &mut []), Some(vec![-1.0, 0.0, 0.0, 3.0, 3.0]));
+        let mut blocks = vec![0.0; 16];
+        for (i, j) in [(0, 1), (1, 0), (2, 3), (3, 2)] {
+            blocks[i * 4 + j] = 1.0;
+        }
+        let values = eigenvalues(&mut blocks, 4, &mut []).expect("converges");
+        assert!(values.iter().zip([-1.0, -1.0, 1.0, 1.0]).all(|(x, y)| (x - y).abs() < 1e-15), "{values:?}");
+        assert_eq!(eigenvalues(&mut [f64::NAN; 4], 2, &mut []), None);
+    }
 }
