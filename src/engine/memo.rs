@@ -149,7 +149,9 @@ fn encode(items: &Items) -> Vec<u8> {
         bytes.extend(key);
         bytes.extend(end.to_le_bytes());
     }
-    items.values().for_each(|value| bytes.extend(value));
+    for value in items.values() {
+        bytes.extend(value);
+    }
     bytes
 }
 
@@ -166,9 +168,9 @@ impl<'a> Pack<'a> {
         let size = usize::try_from(u64::from_le_bytes(*count)).ok()?.checked_mul(INDEX_ENTRY)?;
         let (index, values) = rest.split_at_checked(size)?;
         let pack = Self { index: index.as_chunks().0, values };
-        let ends = (0..pack.index.len()).map(|i| pack.end(i));
+        let mut ends = (0..pack.index.len()).map(|i| pack.end(i));
         let ascending = ends.clone().is_sorted() && pack.index.is_sorted_by(|a, b| a[..32] < b[..32]);
-        (ascending && ends.last().unwrap_or(0) == values.len()).then_some(pack)
+        (ascending && ends.next_back().unwrap_or(0) == values.len()).then_some(pack)
     }
 
     /// Where value `i` ends; past everything if that is no place.

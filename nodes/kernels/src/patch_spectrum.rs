@@ -138,7 +138,9 @@ pub fn patch_spectrum(
     let patch_area = operator.area();
     let inner: &[u32] = if doubled { &interior } else { &[] };
     let mut values = scaled_values(&operator, inner, doubled, count, options, hooks)?;
-    values.iter_mut().for_each(|value| *value /= patch_area);
+    for value in &mut values {
+        *value /= patch_area;
+    }
     Ok(PatchSpectrum { values, doubled, patch_area, closed_area: if doubled { 2.0 * patch_area } else { patch_area } })
 }
 

@@ -90,7 +90,9 @@ fn tridiagonalise(a: &mut [f64], n: usize, rows: &mut [Vec<f64>]) -> (Vec<f64>, 
             let line = &a[i * n..i * n + i];
             p[i] = a[i * n + i].mul_add(v[i], dot_and_add(line, &v[..i], v[i], &mut p[..i]));
         }
-        p.iter_mut().for_each(|p| *p *= scale);
+        for p in p.iter_mut() {
+            *p *= scale;
+        }
         let half = 0.5 * scale * dot(p, v);
         for (p, v) in p.iter_mut().zip(&*v) {
             *p -= half * v;
