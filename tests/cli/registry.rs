@@ -54,7 +54,7 @@ fn every_graph_plans() {
             }
             "literal.ron" | "corrected.ron" | "robust.ron" => assert!(!real.ok(&["check", &name, &a, &b]).is_empty()),
             "evaluate_pair.ron" | "evaluate_part.ron" => {
-                assert!(!real.ok(&["check", &name, &a, &b, &template]).is_empty())
+                assert!(!real.ok(&["check", &name, &a, &b, &template]).is_empty());
             }
             // A subgraph is called by others.
             "salient_features.ron" => {

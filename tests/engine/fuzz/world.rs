@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use salient::engine::upkeep::Limits;
-use salient::engine::{Cache, Cancel, Event, Options, Outcome, Record, State, run};
+use salient::engine::{Cache, Cancel, Event, Options, Outcome, State, run};
 use salient::graph::{Overrides, Plan, plan};
 use salient_sdk::{AnyNode, Registry};
 use tempfile::TempDir;
