@@ -213,7 +213,7 @@ pub struct IqpMatch;
 
 impl Node for IqpMatch {
     const KIND: &'static str = "iqp_match";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const DOC: &'static str = "The correspondence of two shapes' features that best agrees in descriptors, relative geodesic distances and scales \
         (eq. 19-26), by branch and bound with a proved upper bound.";
     const EXAMPLE: &'static str = r#"
