@@ -53,7 +53,7 @@ fn every_heuristic_proposes_an_assignment_near_the_optimum() {
         }
     }
     let [greedy, spectral, ipfp, fused, tabu] = share;
-    assert!(greedy > 0.85 && spectral > 0.75 && ipfp > 0.85 && fused > 0.95 && tabu > 0.999, "{share:?}");
+    assert!(greedy > 0.85 && spectral > 0.65 && ipfp > 0.95 && fused > 0.95 && tabu > 0.999, "{share:?}");
 }
 
 #[test]
