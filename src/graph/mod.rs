@@ -56,7 +56,7 @@ pub fn plan(file: &Path, overrides: &Overrides, registry: &Registry) -> Result<P
     plan_observed(file, overrides, registry).0
 }
 
-/// As [`plan`], with all that was looked at on the way: as long as none of it changes, neither does the result.
+/// As [`plan()`], with all that was looked at on the way: as long as none of it changes, neither does the result.
 pub fn plan_observed(file: &Path, overrides: &Overrides, registry: &Registry) -> (Result<Plan, Diagnostics>, Observed) {
     let mut planner = Planner {
         report: Diagnostics::default(),
