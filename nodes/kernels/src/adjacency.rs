@@ -114,43 +114,45 @@ impl Csr {
         }
         Self { offsets, targets }
     }
+
+    /// Sorts each row and drops repeats in it.
+    fn sort_rows(&mut self) {
+        let mut kept = 0;
+        for i in 0..self.len() {
+            let (start, end) = (self.offsets[i], self.offsets[i + 1]);
+            self.targets[start..end].sort_unstable();
+            self.offsets[i] = kept;
+            for k in start..end {
+                let target = self.targets[k];
+                if kept == self.offsets[i] || self.targets[kept - 1] != target {
+                    self.targets[kept] = target;
+                    kept += 1;
+                }
+            }
+        }
+        self.targets.truncate(kept);
+        if let Some(last) = self.offsets.last_mut() {
+            *last = kept;
+        }
+    }
 }
 
 /// The vertices sharing a face with each vertex: sorted, without repeats, without the vertex itself.
 pub fn one_ring(vertex_count: usize, faces: &[[u32; 3]]) -> Result<Csr, MeshError> {
-    let incidence = vertex_faces(vertex_count, faces)?;
-    // Vertices are handed out to their neighbours in ascending order: rows come out sorted, and repeats follow each other.
-    let mut filled: Vec<usize> = incidence.offsets.iter().map(|o| 2 * o).collect();
-    let mut loose = vec![0; 2 * incidence.targets.len()];
-    for v in 0..vertex_count {
-        for &face in incidence.row(v) {
-            for w in faces[face as usize] {
-                let end = filled[w as usize];
-                let repeated = end > 2 * incidence.offsets[w as usize] && loose[end - 1] == v as u32;
-                if w as usize != v && !repeated {
-                    loose[end] = v as u32;
-                    filled[w as usize] = end + 1;
-                }
-            }
-        }
-    }
-    let mut ring = Csr { offsets: Vec::with_capacity(vertex_count + 1), targets: Vec::with_capacity(3 * faces.len()) };
-    ring.offsets.push(0);
-    for v in 0..vertex_count {
-        ring.targets.extend_from_slice(&loose[2 * incidence.offsets[v]..filled[v]]);
-        ring.offsets.push(ring.targets.len());
-    }
+    check_faces(vertex_count, faces)?;
+    let pairs = faces.iter().flat_map(|&[a, b, c]| [(a, b), (b, a), (b, c), (c, b), (c, a), (a, c)]);
+    let mut ring = Csr::bucket(vertex_count, pairs.filter(|(a, b)| a != b));
+    ring.sort_rows();
     Ok(ring)
 }
 
 /// The faces at each vertex, ascending; a face that names a vertex twice is listed once.
 pub fn vertex_faces(vertex_count: usize, faces: &[[u32; 3]]) -> Result<Csr, MeshError> {
     check_faces(vertex_count, faces)?;
-    // A repeat is passed over by naming it as no vertex; counting sort keeps faces in order.
-    let pairs = faces.iter().zip(0u32..).flat_map(|(&[a, b, c], face)| {
-        [(a, true), (b, b != a), (c, c != a && c != b)].map(|(v, first)| (v, face, first))
-    });
-    Ok(Csr::bucket(vertex_count, pairs.filter(|p| p.2).map(|p| (p.0, p.1))))
+    let pairs = faces.iter().zip(0u32..).flat_map(|(corners, face)| corners.map(|v| (v, face)));
+    let mut incidence = Csr::bucket(vertex_count, pairs);
+    incidence.sort_rows();
+    Ok(incidence)
 }
 
 /// The undirected edges of a mesh and the faces at each.

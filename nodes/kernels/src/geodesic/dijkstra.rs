@@ -2,6 +2,7 @@
 
 use super::graph::Graph;
 use super::queue::Calendar;
+use std::cmp::Ordering;
 
 /// The vertices about a source, by whatever metric.
 #[derive(Debug, Clone, Copy)]
@@ -114,37 +115,57 @@ impl Dijkstra {
     fn search(&mut self, graph: &Graph, sources: &[u32], radius: f64, targets: &[u32]) -> usize {
         let mut wanted = self.start(graph, sources, targets);
         let base = 4 * self.epoch;
-        let mut inside = 0;
+        // Within the radius there is nothing to decide: the plain algorithm.
+        let mut beyond = None;
         while let Some((distance, vertex)) = self.queue.pop() {
-            let label = &mut self.labels[vertex as usize];
-            if label.stamp == base + SETTLED {
+            if distance > self.labels[vertex as usize].distance {
                 continue;
             }
-            let within = distance <= radius;
-            if !within && wanted == 0 {
+            if distance.partial_cmp(&radius).is_none_or(Ordering::is_gt) {
+                beyond = Some((distance, vertex));
                 break;
             }
-            wanted -= usize::from(label.stamp == base + WANTED);
-            label.stamp = base + SETTLED;
-            self.settled.push((vertex, distance));
-            inside += usize::from(within);
-            for (next, length) in graph.neighbours(vertex) {
-                let (through, label) = (distance + length, &mut self.labels[next as usize]);
-                if label.stamp < base {
-                    *label = Label { distance: f64::INFINITY, stamp: base + REACHED };
-                } else if label.stamp == base + SETTLED {
-                    continue;
-                }
-                if within && label.stamp == base + REACHED {
+            self.settle(graph, distance, vertex);
+        }
+        let inside = self.settled.len();
+        let Some((distance, vertex)) = beyond else { return inside };
+        self.queue.push(distance, vertex);
+        if inside > 0 {
+            // What has been reached but not settled are the neighbours of what is within; they are wanted, too.
+            let labels = &mut self.labels;
+            self.queue.for_each(|distance, vertex| {
+                let label = &mut labels[vertex as usize];
+                if distance == label.distance && label.stamp == base + REACHED {
                     label.stamp = base + WANTED;
                     wanted += 1;
                 }
-                if through < label.distance {
-                    label.distance = through;
-                    self.queue.push(through, next);
-                }
+            });
+        }
+        while wanted > 0 {
+            let Some((distance, vertex)) = self.queue.pop() else { break };
+            let label = &self.labels[vertex as usize];
+            if distance > label.distance || label.stamp == base + SETTLED {
+                continue;
             }
+            wanted -= usize::from(label.stamp == base + WANTED);
+            self.settle(graph, distance, vertex);
         }
         inside
+    }
+
+    fn settle(&mut self, graph: &Graph, distance: f64, vertex: u32) {
+        let base = 4 * self.epoch;
+        self.labels[vertex as usize].stamp = base + SETTLED;
+        self.settled.push((vertex, distance));
+        for (next, length) in graph.neighbours(vertex) {
+            let (through, label) = (distance + length, &mut self.labels[next as usize]);
+            // Lengths may overflow: what is infinitely far stays unreached.
+            let (known, stamp) =
+                if label.stamp >= base { (label.distance, label.stamp) } else { (f64::INFINITY, base + REACHED) };
+            if through < known {
+                *label = Label { distance: through, stamp };
+                self.queue.push(through, next);
+            }
+        }
     }
 }

@@ -62,7 +62,7 @@ fn unpacked(entry: u128) -> (f64, u32) {
 }
 
 /// Buckets of a [`Calendar`]; a power of two.
-const BUCKETS: usize = 128;
+const BUCKETS: usize = 64;
 
 /// The same order from a heap of what comes next and a ring of unsorted buckets of what comes later: most pushes only append, and
 /// the heap holds a few items. For items pushed at most a known step beyond the last one popped.
@@ -85,7 +85,7 @@ impl Calendar {
             self.later.iter_mut().for_each(Vec::clear);
         }
         (self.waiting, self.current) = (0, 0);
-        let width = (mean / 16.0).max(most / (BUCKETS - 2) as f64);
+        let width = (mean / 8.0).max(most / (BUCKETS - 2) as f64);
         // Without lengths everything is in the first bucket, and that is the heap.
         self.density = if width > 0.0 && (1.0 / width).is_finite() { 1.0 / width } else { 0.0 };
     }
@@ -99,6 +99,12 @@ impl Calendar {
             self.later[bucket as usize % BUCKETS].push((distance, item));
             self.waiting += 1;
         }
+    }
+
+    /// Visits all items, in no particular order.
+    pub(super) fn for_each(&self, mut visit: impl FnMut(f64, u32)) {
+        self.next.0.iter().map(|&entry| unpacked(entry)).for_each(|(distance, item)| visit(distance, item));
+        self.later.iter().flatten().for_each(|&(distance, item)| visit(distance, item));
     }
 
     /// Removes and returns the nearest item.
