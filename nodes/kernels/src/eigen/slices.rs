@@ -41,7 +41,7 @@ struct Slice {
 
 /// Pairs from which on a second slice costs no more than one: it saves as much orthogonalisation as it costs solves, halves the memory for
 /// the basis, and can run on a thread of its own. Measured at 12,000 to 190,000 vertices, where one to four slices are within 5 % of each other for 300 pairs.
-const SLICE_PAIRS: usize = 150;
+const SLICE_PAIRS: usize = 140;
 
 /// Slices of more than this share of the spectrum do not pay: at 1,000 vertices they are three times slower.
 const SLICE_SHARE: usize = 20;
