@@ -149,7 +149,9 @@ fn encode(items: &Items) -> Vec<u8> {
         bytes.extend(key);
         bytes.extend(end.to_le_bytes());
     }
-    items.values().for_each(|value| bytes.extend(value));
+    for value in items.values() {
+        bytes.extend(value);
+    }
     bytes
 }
 
@@ -168,7 +170,7 @@ impl<'a> Pack<'a> {
         let pack = Self { index: index.as_chunks().0, values };
         let ends = (0..pack.index.len()).map(|i| pack.end(i));
         let ascending = ends.clone().is_sorted() && pack.index.is_sorted_by(|a, b| a[..32] < b[..32]);
-        (ascending && ends.last().unwrap_or(0) == values.len()).then_some(pack)
+        (ascending && ends.max().unwrap_or(0) == values.len()).then_some(pack)
     }
 
     /// Where value `i` ends; past everything if that is no place.

@@ -19,7 +19,9 @@ pub(super) fn inner_first(n: usize, interior: &[u32]) -> Vec<u32> {
 
 fn others(n: usize, interior: &[u32]) -> Vec<u32> {
     let mut inside = vec![false; n];
-    interior.iter().for_each(|&i| inside[i as usize] = true);
+    for &i in interior {
+        inside[i as usize] = true;
+    }
     (0..n as u32).filter(|&i| !inside[i as usize]).collect()
 }
 

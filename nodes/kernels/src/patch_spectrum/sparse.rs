@@ -110,7 +110,7 @@ impl<const L: usize, const B: usize> Search<'_, L, B> {
                 Some(Verdict::Wait(more)) => next += more,
                 Some(Verdict::Settled { found, cut }) => {
                     if self.certified(cut, &found) {
-                        return Ok(self.accurate(found));
+                        return Ok(self.accurate(&found));
                     }
                     // A value is missing that a few more panels may show.
                     misses += 1;
@@ -128,7 +128,7 @@ impl<const L: usize, const B: usize> Search<'_, L, B> {
     }
 
     /// The values wanted, the low ones by Rayleigh quotients if rounding may be in them.
-    fn accurate(&self, found: Vec<(f64, usize)>) -> Option<Vec<f64>> {
+    fn accurate(&self, found: &[(f64, usize)]) -> Option<Vec<f64>> {
         let low = found.iter().take_while(|f| self.run.rounding(f.0) > ROUNDING).count();
         let mut values: Vec<f64> = found.iter().map(|f| f.0).collect();
         values.truncate(self.count);

@@ -90,7 +90,9 @@ fn tridiagonalise(a: &mut [f64], n: usize, rows: &mut [Vec<f64>]) -> (Vec<f64>, 
             let line = &a[i * n..i * n + i];
             p[i] = a[i * n + i].mul_add(v[i], dot_and_add(line, &v[..i], v[i], &mut p[..i]));
         }
-        p.iter_mut().for_each(|p| *p *= scale);
+        for p in p.iter_mut() {
+            *p *= scale;
+        }
         let half = 0.5 * scale * dot(p, v);
         for (p, v) in p.iter_mut().zip(&*v) {
             *p -= half * v;
@@ -194,7 +196,9 @@ mod tests {
     fn matrices_that_split_are_solved_too() {
         // Diagonal, with zeros, and two equal blocks.
         let mut diagonal = vec![0.0; 25];
-        (0..4).for_each(|i| diagonal[i * 6] = [3.0, 0.0, -1.0, 3.0][i]);
+        for (i, x) in [3.0, 0.0, -1.0, 3.0].into_iter().enumerate() {
+            diagonal[i * 6] = x;
+        }
         assert_eq!(eigenvalues(&mut diagonal, 5, &mut []), Some(vec![-1.0, 0.0, 0.0, 3.0, 3.0]));
         let mut blocks = vec![0.0; 16];
         for (i, j) in [(0, 1), (1, 0), (2, 3), (3, 2)] {
