@@ -11,8 +11,8 @@ use crate::lab::{Graph, Lab, Ran, files};
 use crate::toy::Roots;
 
 fn graph(lab: &Lab, numbers: &[f64], node: &'static dyn AnyNode, params: &[(&str, &str)]) -> Graph {
-    let text: String = numbers.iter().map(|x| format!("{x}\n")).collect();
-    let file = lab.file("a.txt", &text);
+    let lines: Vec<String> = numbers.iter().map(f64::to_string).collect();
+    let file = lab.file("a.txt", &lines.join("\n"));
     let mut graph = Graph::new();
     let a = graph.read("a", &file);
     graph.call("roots", node, params, &[("x", a)]);
