@@ -4,6 +4,9 @@
 //! patch's Neumann eigenfunctions (boundary vertices get the stiffness and the mass of both copies, which cancels), the odd ones vanish on
 //! the boundary and are its Dirichlet eigenfunctions. The spectrum is the sorted union, from two problems of half the size.
 
+// Code compiled for wider vector instructions must be inlined into what chooses them, and lanes are told apart by their numbers.
+#![expect(clippy::inline_always, clippy::needless_range_loop, reason = "vectorised kernels")]
+
 mod factor;
 mod lanczos;
 mod order;

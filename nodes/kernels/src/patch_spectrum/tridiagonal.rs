@@ -196,7 +196,9 @@ mod tests {
     fn matrices_that_split_are_solved_too() {
         // Diagonal, with zeros, and two equal blocks.
         let mut diagonal = vec![0.0; 25];
-        (0..4).for_each(|i| diagonal[i * 6] = [3.0, 0.0, -1.0, 3.0][i]);
+        for (i, x) in [3.0, 0.0, -1.0, 3.0].into_iter().enumerate() {
+            diagonal[i * 6] = x;
+        }
         assert_eq!(eigenvalues(&mut diagonal, 5, &mut []), Some(vec![-1.0, 0.0, 0.0, 3.0, 3.0]));
         let mut blocks = vec![0.0; 16];
         for (i, j) in [(0, 1), (1, 0), (2, 3), (3, 2)] {
