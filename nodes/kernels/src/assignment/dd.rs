@@ -15,7 +15,7 @@ use std::fmt::Write as _;
 use super::problem::{Problem, ProblemBuilder};
 use super::text::ReadError;
 
-/// A problem as `.dd` text; see [`write`].
+/// A problem as `.dd` text; see [`write()`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct DdText {
     /// The file.
