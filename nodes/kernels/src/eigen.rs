@@ -9,6 +9,7 @@ mod basis;
 mod certify;
 mod cut;
 mod dense;
+mod departure;
 mod factor;
 mod gauge;
 mod lanczos;

@@ -1,16 +1,27 @@
 //! The growing Krylov basis, and the passes over it.
 //!
-//! The basis is stored in runs of [`RUN`] vertices, and inside a run panel after panel: a pass reads memory from end to end while the eight
-//! vectors worked on stay in the cache. The two passes that orthogonalise against the whole basis are bound by memory bandwidth.
+//! Passes go through the vertices in runs of [`RUN`], so that the eight vectors worked on stay in the cache while all panels go by; passes over
+//! many panels are bound by memory bandwidth.
 
 use super::EigenError;
-use super::panel::{Block, Row, Rows, Simd, WIDTH, ZERO, add_gram, multiply_right, subtract_product};
+use super::panel::{
+    Block, Row, Rows, Simd, WIDTH, ZERO, add_gram, multiply_right, norm, product, subtract_multiple, subtract_product,
+};
 use super::vectors::Store;
+use crate::random::Random;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
+use std::sync::{Mutex, PoisonError};
 
 /// Vertices per run: a panel of it is 16 KiB, a third of a first-level cache.
 pub(super) const RUN: usize = 256;
+
+/// Seed of the sketch.
+const SIGNS: u64 = 0x5167;
+
+/// Products of the last panel below this may stay, and a hundred times that of the next one, in which they have grown: once they are
+/// larger, they are removed.
+const NEGLIGIBLE: f64 = 1e-11;
 
 /// Known null vectors in elimination order: label and entry of the unit indicator at each row.
 pub(super) struct Null {
@@ -26,115 +37,269 @@ impl Null {
         let end = (begin + RUN).min(self.labels.len());
         self.labels[begin..end].iter().zip(&self.units[begin..end])
     }
+
+    /// Adds the products with w.
+    #[inline(always)]
+    fn add_product(&self, run: usize, w: &[Row], sums: &mut [Row]) {
+        for ((&label, &unit), y) in self.rows(run).zip(w) {
+            let sum = &mut sums[label as usize];
+            for q in 0..WIDTH {
+                sum[q] = unit.mul_add(y[q], sum[q]);
+            }
+        }
+    }
+
+    /// Removes them.
+    #[inline(always)]
+    fn remove(&self, run: usize, w: &mut [Row], products: &[Row]) {
+        for ((&label, &unit), y) in self.rows(run).zip(w) {
+            subtract_multiple(y, unit, &products[label as usize]);
+        }
+    }
 }
 
-/// Orthonormal panels, orthogonal to the null vectors.
-pub(super) struct Basis<'a> {
-    rows: Rows,
+/// Panels that are allocated together.
+const CHUNK: usize = 8;
+
+/// Memory of bases that are done with, for those to come: fresh pages are dear.
+pub(super) struct Pool {
     runs: usize,
-    /// Panels there is room for, and those in use.
-    capacity: usize,
+    free: Mutex<Vec<Rows>>,
+}
+
+impl Pool {
+    pub fn new(n: usize) -> Self {
+        Self { runs: n.div_ceil(RUN), free: Mutex::new(Vec::new()) }
+    }
+
+    fn take(&self) -> Result<Rows, EigenError> {
+        let free = self.free.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        free.map_or_else(|| self.panels(CHUNK), Ok)
+    }
+
+    /// New zeroed panels.
+    fn panels(&self, count: usize) -> Result<Rows, EigenError> {
+        Rows::zeroed(count * self.runs * RUN).map_err(|_| EigenError::Memory)
+    }
+}
+
+/// A panel in runs.
+type Panel = [[Row; RUN]];
+
+/// Orthonormal panels, orthogonal to the null vectors, and the one that will be the next.
+pub(super) struct Basis<'a> {
+    chunks: Vec<Rows>,
     count: usize,
+    /// The panel worked on: whole runs, zeros at the end.
+    work: Rows,
+    /// The sum of all panels but the last two, each times a block of random signs over sqrt(8): its product with a panel is as large as
+    /// the product of all of them is, in the mean of squares.
+    sketch: Rows,
+    signs: Random,
     null: &'a Null,
+    pool: &'a Pool,
     simd: Simd,
 }
 
-/// Products of the basis and of the null vectors with a panel.
-pub(super) struct Along {
-    basis: Vec<Block>,
-    null: Vec<Row>,
+impl Drop for Basis<'_> {
+    fn drop(&mut self) {
+        self.pool.free.lock().unwrap_or_else(PoisonError::into_inner).append(&mut self.chunks);
+    }
 }
 
-/// Rows of a panel that the passes over a basis of n vertices work on: whole runs, zeros at the end.
-pub(super) fn padded(n: usize) -> usize {
-    n.div_ceil(RUN) * RUN
+/// Products of the working panel w with what is nearest to it.
+pub(super) struct Near {
+    /// With the last panel and the one before.
+    last: [Block; 2],
+    null: Vec<Row>,
+    /// With the sketch of all others.
+    pub sketch: Block,
+    /// w' w.
+    pub gram: Block,
+}
+
+impl Near {
+    #[inline(always)]
+    fn add(&mut self, run: usize, w: &[Row; RUN], newest: &[&Panel], sketch: &[Row; RUN], null: &Null) {
+        null.add_product(run, w, &mut self.null);
+        for (h, panel) in self.last.iter_mut().zip(newest) {
+            add_gram(h, &panel[run], w);
+        }
+        add_gram(&mut self.gram, w, w);
+        add_gram(&mut self.sketch, sketch, w);
+    }
+}
+
+/// Products with the first panels, of the last panel and of w.
+pub(super) struct Along {
+    pub panels: Vec<[Block; 2]>,
+}
+
+fn runs(rows: &Rows) -> &Panel {
+    rows.as_slice().as_chunks().0
+}
+
+fn runs_mut(rows: &mut Rows) -> &mut Panel {
+    rows.as_mut_slice().as_chunks_mut().0
+}
+
+/// The panels in use, and the last of them apart.
+fn split(chunks: &mut [Rows], runs: usize, count: usize) -> Option<(Vec<&Panel>, &mut Panel)> {
+    let all = chunks.iter_mut().flat_map(|chunk| runs_mut(chunk).chunks_exact_mut(runs));
+    let mut all: Vec<&mut Panel> = all.take(count).collect();
+    let last = all.pop()?;
+    Some((all.into_iter().map(|panel| &*panel).collect(), last))
 }
 
 impl<'a> Basis<'a> {
-    pub fn new(n: usize, capacity: usize, null: &'a Null) -> Result<Self, EigenError> {
-        let runs = n.div_ceil(RUN);
-        let rows = Rows::zeroed(runs * capacity * RUN).map_err(|_| EigenError::Memory)?;
-        Ok(Self { rows, runs, capacity, count: 0, null, simd: Simd::new() })
+    pub fn new(pool: &'a Pool, null: &'a Null) -> Result<Self, EigenError> {
+        Ok(Self {
+            chunks: Vec::new(),
+            count: 0,
+            work: pool.panels(1)?,
+            sketch: pool.panels(1)?,
+            signs: Random::from_state(SIGNS),
+            null,
+            pool,
+            simd: Simd::new(),
+        })
     }
 
     pub fn count(&self) -> usize {
         self.count
     }
 
-    /// The panels of one run, those in use.
-    #[inline(always)]
-    fn run(&self, run: usize) -> &[[Row; RUN]] {
-        let (runs, _) = self.rows.as_slice().as_chunks::<RUN>();
-        &runs[run * self.capacity..run * self.capacity + self.count]
+    /// The first rows of the panel worked on.
+    pub fn work(&mut self, rows: usize) -> &mut [Row] {
+        &mut self.work.as_mut_slice()[..rows]
     }
 
-    /// Copies panel j.
-    pub fn copy(&self, j: usize, to: &mut [Row]) {
-        for (run, target) in to.as_chunks_mut::<RUN>().0.iter_mut().enumerate() {
-            *target = self.run(run)[j];
-        }
+    /// The panels in use.
+    fn panels(&self) -> Vec<&Panel> {
+        self.chunks.iter().flat_map(|chunk| runs(chunk).chunks_exact(self.pool.runs)).take(self.count).collect()
     }
 
-    /// w -= V_(j-1) b' for the last panel j; then V_j' w.
-    pub fn local(&self, w: &mut [Row], before: Option<&Block>) -> Block {
+    /// V_j' w for the last panel j.
+    pub fn diagonal(&self) -> Block {
         let mut diagonal = ZERO;
+        let panels = self.panels();
         self.simd.run(
             #[inline(always)]
             || {
-                for (run, w) in w.as_chunks_mut::<RUN>().0.iter_mut().enumerate() {
-                    let panels = self.run(run);
-                    if let Some(b) = before {
-                        subtract_product(w, &panels[self.count - 2], b);
-                    }
-                    add_gram(&mut diagonal, &panels[self.count - 1], w);
+                for (v, w) in panels[self.count - 1].iter().zip(runs(&self.work)) {
+                    add_gram(&mut diagonal, v, w);
                 }
             },
         );
         diagonal
     }
 
-    /// w -= V_j a for the last panel j, if given; then the products with everything known.
-    pub fn along(&self, w: &mut [Row], diagonal: Option<&Block>) -> Along {
-        let mut basis = vec![ZERO; self.count];
-        let mut null = vec![[0.0; WIDTH]; self.null.count];
+    /// w -= V_j a + V_(j-1) b' for the last panel j, and the panel before joins the sketch after that.
+    pub fn recur(&mut self, diagonal: &Block, before: Option<&Block>) -> Near {
+        let share = 1.0 / (WIDTH as f64).sqrt();
+        let mut sign = || if self.signs.signed() < 0.0 { share } else { -share };
+        let signs: Block = std::array::from_fn(|_| std::array::from_fn(|_| sign()));
+        let runs = self.pool.runs;
+        let panels = self.chunks.iter().flat_map(|chunk| self::runs(chunk).chunks_exact(runs)).take(self.count);
+        let mut newest = panels.skip(self.count.saturating_sub(2)).collect::<Vec<_>>();
+        newest.reverse();
+        let mut near = Near { last: [ZERO; 2], null: vec![[0.0; WIDTH]; self.null.count], sketch: ZERO, gram: ZERO };
+        let (work, sketch) = (runs_mut(&mut self.work), runs_mut(&mut self.sketch));
         self.simd.run(
             #[inline(always)]
             || {
-                for (run, w) in w.as_chunks_mut::<RUN>().0.iter_mut().enumerate() {
-                    let panels = self.run(run);
-                    if let Some(a) = diagonal {
-                        subtract_product(w, &panels[self.count - 1], a);
+                for (run, (w, sketch)) in work.iter_mut().zip(sketch).enumerate() {
+                    subtract_product(w, &newest[0][run], diagonal);
+                    if let Some(b) = before {
+                        subtract_product(w, &newest[1][run], b);
                     }
-                    for ((&label, &unit), y) in self.null.rows(run).zip(w.iter()) {
-                        let sum = &mut null[label as usize];
-                        for q in 0..WIDTH {
-                            sum[q] = unit.mul_add(y[q], sum[q]);
-                        }
-                    }
-                    for (h, panel) in basis.iter_mut().zip(panels) {
-                        add_gram(h, panel, w);
+                    near.add(run, w, &newest, sketch, self.null);
+                    if let Some(before) = newest.get(1) {
+                        subtract_product(sketch, &before[run], &signs);
                     }
                 }
             },
         );
-        Along { basis, null }
+        near
     }
 
-    /// Removes what [`Self::along`] found; returns w' w.
-    pub fn remove(&self, w: &mut [Row], along: &Along) -> Block {
-        let mut gram = ZERO;
+    /// Products with what is nearest.
+    pub fn near(&self) -> Near {
+        let mut newest = self.panels().split_off(self.count.saturating_sub(2));
+        newest.reverse();
+        let mut near = Near { last: [ZERO; 2], null: vec![[0.0; WIDTH]; self.null.count], sketch: ZERO, gram: ZERO };
         self.simd.run(
             #[inline(always)]
             || {
-                for (run, w) in w.as_chunks_mut::<RUN>().0.iter_mut().enumerate() {
-                    for ((&label, &unit), y) in self.null.rows(run).zip(w.iter_mut()) {
-                        let part = &along.null[label as usize];
-                        for q in 0..WIDTH {
-                            y[q] = (-unit).mul_add(part[q], y[q]);
+                for (run, (w, sketch)) in runs(&self.work).iter().zip(runs(&self.sketch)).enumerate() {
+                    near.add(run, w, &newest, sketch, self.null);
+                }
+            },
+        );
+        near
+    }
+
+    /// Products with the panels before the last two: of w, and of the last panel if `paired`. All of them, or with `scale`, the R^-1 of w, up to where they
+    /// are negligible: products grow along converged Ritz vectors, which live in the first panels.
+    pub fn along(&self, paired: bool, scale: Option<&Block>) -> Along {
+        let panels = self.panels();
+        let older = self.count.saturating_sub(2);
+        let mut along = Along { panels: vec![[ZERO; 2]; older] };
+        let mut begin = 0;
+        while begin < older {
+            let end = (begin + CHUNK).min(older);
+            let (group, sums) = (&panels[begin..end], &mut along.panels[begin..end]);
+            self.simd.run(
+                #[inline(always)]
+                || {
+                    for (run, w) in runs(&self.work).iter().enumerate() {
+                        for (h, panel) in sums.iter_mut().zip(group) {
+                            if paired {
+                                add_gram(&mut h[0], &panel[run], &panels[self.count - 1][run]);
+                            }
+                            add_gram(&mut h[1], &panel[run], w);
                         }
                     }
-                    for (h, panel) in along.basis.iter().zip(self.run(run)) {
-                        subtract_product(w, panel, h);
+                },
+            );
+            let negligible = |scale: &Block| {
+                sums.iter().all(|h| norm(&h[0]) < NEGLIGIBLE && norm(&product(&h[1], scale)) < 100.0 * NEGLIGIBLE)
+            };
+            begin = end;
+            if scale.is_some_and(negligible) {
+                break;
+            }
+        }
+        along.panels.truncate(begin);
+        along
+    }
+
+    /// Removes what was found from the last panel and from w, then w <- w h; returns w' w.
+    pub fn remove(&mut self, near: &Near, along: &Along, h: Option<&Block>) -> Block {
+        let mut gram = ZERO;
+        let runs = self.pool.runs;
+        let mut panels = split(&mut self.chunks, runs, self.count);
+        let paired = along.panels.iter().any(|h| norm(&h[0]) > 0.0);
+        let work = runs_mut(&mut self.work);
+        self.simd.run(
+            #[inline(always)]
+            || {
+                for (run, w) in work.iter_mut().enumerate() {
+                    self.null.remove(run, w, &near.null);
+                    if let Some((older, last)) = &mut panels {
+                        if let Some(before) = older.last() {
+                            subtract_product(w, &before[run], &near.last[1]);
+                        }
+                        subtract_product(w, &last[run], &near.last[0]);
+                        for (h, panel) in along.panels.iter().zip(older.iter()) {
+                            if paired {
+                                subtract_product(&mut last[run], &panel[run], &h[0]);
+                            }
+                            subtract_product(w, &panel[run], &h[1]);
+                        }
+                    }
+                    if let Some(h) = h {
+                        multiply_right(w, h);
                     }
                     add_gram(&mut gram, w, w);
                 }
@@ -144,12 +309,13 @@ impl<'a> Basis<'a> {
     }
 
     /// w <- w h; returns the new w' w.
-    pub fn multiply(&self, w: &mut [Row], h: &Block) -> Block {
+    pub fn multiply(&mut self, h: &Block) -> Block {
         let mut gram = ZERO;
+        let work = runs_mut(&mut self.work);
         self.simd.run(
             #[inline(always)]
             || {
-                for w in w.as_chunks_mut::<RUN>().0 {
+                for w in work {
                     multiply_right(w, h);
                     add_gram(&mut gram, w, w);
                 }
@@ -158,46 +324,35 @@ impl<'a> Basis<'a> {
         gram
     }
 
-    /// Appends the panel w h.
-    pub fn append(&mut self, w: &mut [Row], h: &Block) -> Result<(), EigenError> {
-        if self.count == self.capacity {
-            self.grow()?;
+    /// w <- w h, which is appended.
+    pub fn append(&mut self, h: &Block) -> Result<(), EigenError> {
+        if self.count == self.chunks.len() * CHUNK {
+            self.chunks.push(self.pool.take()?);
         }
-        let (capacity, count) = (self.capacity, self.count);
-        let (panels, _) = self.rows.as_mut_slice().as_chunks_mut::<RUN>();
+        self.count += 1;
+        let Some((_, last)) = split(&mut self.chunks, self.pool.runs, self.count) else { return Ok(()) };
+        let work = runs_mut(&mut self.work);
         self.simd.run(
             #[inline(always)]
             || {
-                for (run, w) in w.as_chunks_mut::<RUN>().0.iter_mut().enumerate() {
+                for (w, v) in work.iter_mut().zip(last) {
                     multiply_right(w, h);
-                    panels[run * capacity + count] = *w;
+                    *v = *w;
                 }
             },
         );
-        self.count += 1;
-        Ok(())
-    }
-
-    fn grow(&mut self) -> Result<(), EigenError> {
-        let capacity = self.capacity + self.capacity / 4 + 4;
-        let mut rows = Rows::zeroed(self.runs * capacity * RUN).map_err(|_| EigenError::Memory)?;
-        let (old, _) = self.rows.as_slice().as_chunks::<RUN>();
-        let (new, _) = rows.as_mut_slice().as_chunks_mut::<RUN>();
-        for run in 0..self.runs {
-            new[run * capacity..][..self.count].copy_from_slice(&old[run * self.capacity..][..self.count]);
-        }
-        (self.rows, self.capacity) = (rows, capacity);
         Ok(())
     }
 
     /// V c; c has eight rows per panel.
     pub fn combine(&self, c: MatRef<'_, f64>) -> Result<Store, EigenError> {
         let (m, columns) = (self.count * WIDTH, c.ncols());
-        let mut store = Store::zeroed(self.runs * RUN, columns)?;
+        let mut store = Store::zeroed(self.pool.runs * RUN, columns)?;
         let mut rows = vec![0.0; RUN * m];
-        for run in 0..self.runs {
-            for (p, panel) in self.run(run).iter().enumerate() {
-                for (row, x) in rows.chunks_exact_mut(m).zip(panel) {
+        let panels = self.panels();
+        for run in 0..self.pool.runs {
+            for (p, panel) in panels.iter().enumerate() {
+                for (row, x) in rows.chunks_exact_mut(m).zip(&panel[run]) {
                     row[p * WIDTH..(p + 1) * WIDTH].copy_from_slice(x);
                 }
             }

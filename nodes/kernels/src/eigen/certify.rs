@@ -14,7 +14,7 @@ use std::sync::{Mutex, PoisonError};
 const ROUNDING: f64 = 16.0;
 
 /// Inner products above this are removed: neighbours found by different slices, each accurate, are that nearly orthogonal only.
-const REMOVED: f64 = 1e-12;
+const REMOVED: f64 = 1e-11;
 
 /// Parts of a Gram matrix that may be summed on different threads.
 const GRAM_PARTS: usize = 4;

@@ -3,10 +3,11 @@
 //! Ritz vectors are purified (Ericsson & Ruhe 1980): y + W s / theta, W the next block, is B y / theta without another solve, and the residual of A itself
 //! is then exactly that of B over theta^2.
 
-use super::basis::{Basis, Null, padded};
+use super::basis::{Along, Basis, Near, Null, Pool};
 use super::dense::symmetric_eigen;
+use super::departure::{Departure, Recurrence};
 use super::packed::Packed;
-use super::panel::{Block, Row, Rows, WIDTH, ZERO, cholesky, inverse, product, symmetrised, transposed};
+use super::panel::{Block, Row, WIDTH, ZERO, cholesky, inverse, norm, product, symmetrised, transposed};
 use super::reach::{Chosen, Reach, Ritz, Verdict};
 use super::vectors::Store;
 use super::{EigenError, Hooks, Phase};
@@ -15,6 +16,20 @@ use faer::Mat;
 
 /// Blocks that follow a restart before convergence is looked at: fewer would not show what the new block has found.
 const SETTLING: usize = 6;
+
+/// Products with the basis that a new panel may keep. They grow by a factor of some hundreds from one step to the next; what enters the
+/// results is their square.
+const LOSS: f64 = 1e-8;
+
+/// Products as large as this are not corrections any more: panels are then orthogonalised with no regard to the recurrence.
+const TOTAL: f64 = 0.1;
+
+/// Residuals shrink by about this factor with each block, measured; what is foreseen from that is at most so many blocks.
+const DECAY: f64 = 3.0;
+const LEAP: f64 = 12.0;
+
+/// Checks in a row at which all wanted pairs are accurate and yet there is no gap above them, before a fresh block joins.
+const STALLED: usize = 3;
 
 /// A block that shrinks by this factor under orthogonalisation lay in the span already: only rounding errors are left of it.
 const DEPENDENT: f64 = 1e-13;
@@ -26,6 +41,7 @@ pub(super) struct Run<'a> {
     pub count_below: usize,
     pub factor: &'a Packed,
     pub null: &'a Null,
+    pub pool: &'a Pool,
     pub reach: Reach,
     /// Accepted residual relative to the eigenvalue.
     pub tolerance: f64,
@@ -51,10 +67,8 @@ pub(super) struct Found {
 struct Krylov<'a> {
     run: &'a Run<'a>,
     basis: Basis<'a>,
-    w: Rows,
-    /// Diagonal blocks of the projection of B, and those below: V_(j+1) below[j] is what was left of B V_j.
-    diagonal: Vec<Block>,
-    below: Vec<Block>,
+    recurrence: Recurrence,
+    departure: Departure,
     /// Where a fresh block replaced what was left of B V_j: j, and the Gram matrix of what was dropped.
     dropped: Vec<(usize, Block)>,
     random: Random,
@@ -66,18 +80,18 @@ struct Krylov<'a> {
 pub(super) fn lanczos(run: &Run<'_>, hooks: &dyn Hooks, step: &dyn Fn()) -> Result<Found, EigenError> {
     let mut krylov = Krylov::new(run)?;
     let limit = (run.n - run.null.count) / WIDTH;
-    let mut wait = 1;
+    let mut stalled = 0;
     loop {
         if hooks.cancelled() {
             return Err(EigenError::Cancelled);
         }
-        let blocks = krylov.diagonal.len();
+        let blocks = krylov.recurrence.diagonal.len();
         if blocks >= limit {
             return Err(EigenError::Exhausted);
         }
         krylov.extend(false, hooks)?;
         step();
-        if krylov.diagonal.len() < krylov.next_check {
+        if krylov.recurrence.diagonal.len() < krylov.next_check {
             continue;
         }
         hooks.phase(Phase::Projected);
@@ -88,9 +102,14 @@ pub(super) fn lanczos(run: &Run<'_>, hooks: &dyn Hooks, step: &dyn Fn()) -> Resu
                 return krylov.found(&projected, &chosen);
             }
             Verdict::Done(_) | Verdict::Short => krylov.extend(true, hooks)?,
-            Verdict::NotYet => {
-                krylov.next_check = blocks + 1 + wait;
-                wait += 1;
+            Verdict::NotYet(off) if off <= 1.0 && stalled == STALLED => {
+                // Copies of a multiple eigenvalue keep turning up where the gap should be.
+                stalled = 0;
+                krylov.extend(true, hooks)?;
+            }
+            Verdict::NotYet(off) => {
+                stalled = if off <= 1.0 { stalled + 1 } else { 0 };
+                krylov.next_check = blocks + 1 + stalled.max((off.ln() / DECAY.ln()).ceil().min(LEAP) as usize);
             }
         }
     }
@@ -113,10 +132,9 @@ impl<'a> Krylov<'a> {
         let first_check = expected_blocks(run.reach.expected, run.reach.is_lowest());
         let mut krylov = Self {
             run,
-            basis: Basis::new(run.n, first_check + first_check / 6 + 4, run.null)?,
-            w: Rows::zeroed(padded(run.n)).map_err(|_| EigenError::Memory)?,
-            diagonal: Vec::new(),
-            below: Vec::new(),
+            basis: Basis::new(run.pool, run.null)?,
+            recurrence: Recurrence::default(),
+            departure: Departure::default(),
             dropped: Vec::new(),
             random: Random::from_state(run.seed),
             next_check: first_check,
@@ -130,55 +148,88 @@ impl<'a> Krylov<'a> {
     fn extend(&mut self, fresh: bool, hooks: &dyn Hooks) -> Result<(), EigenError> {
         let last = self.basis.count() - 1;
         hooks.phase(Phase::Solve);
-        let w = self.w.as_mut_slice();
-        self.basis.copy(last, w);
-        self.run.factor.solve(&mut w[..self.run.n]);
+        self.run.factor.solve(self.basis.work(self.run.n));
         hooks.phase(Phase::Orthogonalise);
-        // The three-term recurrence first, so that the pass over the whole basis removes only rounding errors.
-        let before = (last > 0).then(|| transposed(&self.below[last - 1]));
-        let diagonal = symmetrised(&self.basis.local(w, before.as_ref()));
-        let along = self.basis.along(w, Some(&diagonal));
-        let gram = self.basis.remove(w, &along);
-        self.diagonal.push(diagonal);
+        let before = (last > 0).then(|| transposed(&self.recurrence.below[last - 1]));
+        let diagonal = symmetrised(&self.basis.diagonal());
+        let near = self.basis.recur(&diagonal, before.as_ref());
+        self.recurrence.diagonal.push(diagonal);
         let size = largest(&diagonal).max(before.as_ref().map_or(0.0, largest));
-        let left = (0..WIDTH).map(|i| gram[i][i]).fold(0.0, f64::max).sqrt();
-        let below = if !fresh && left > DEPENDENT * size { self.append(&gram)? } else { None };
+        let below = if fresh || !self.dropped.is_empty() { None } else { self.append_nearly_orthogonal(&near)? };
+        let below = match below {
+            Some(below) => Some(below),
+            None => self.append_in_full(&near, fresh, size)?,
+        };
         if let Some(below) = below {
-            self.below.push(below);
+            self.recurrence.below.push(below);
             return Ok(());
         }
-        self.dropped.push((last, gram));
-        self.below.push(ZERO);
-        self.next_check = self.next_check.max(self.diagonal.len() + SETTLING);
+        self.recurrence.below.push(ZERO);
+        self.next_check = self.next_check.max(self.recurrence.diagonal.len() + SETTLING);
         self.fresh_block(false)
+    }
+
+    /// Appends w, which the recurrence has left almost orthogonal to the basis, and returns its R; nothing if it is not.
+    fn append_nearly_orthogonal(&mut self, near: &Near) -> Result<Option<Block>, EigenError> {
+        let Some(first) = cholesky(&near.gram) else { return Ok(None) };
+        let scale = inverse(&first);
+        let loss = norm(&product(&near.sketch, &scale));
+        if loss > TOTAL {
+            return Ok(None);
+        }
+        let mut along = Along { panels: Vec::new() };
+        if loss > LOSS {
+            along = self.basis.along(true, Some(&scale));
+            self.departure.note(&along.panels, &self.recurrence);
+        }
+        let again = self.basis.remove(near, &along, Some(&scale));
+        self.append_scaled(&first, &again)
+    }
+
+    /// Orthogonalises w against everything known. Appends it and returns its R, or nothing if it is to be replaced or nothing is left of it.
+    fn append_in_full(&mut self, near: &Near, fresh: bool, size: f64) -> Result<Option<Block>, EigenError> {
+        let along = self.basis.along(true, None);
+        // Once a block has been replaced, products with it are no rounding errors, but they count as residuals.
+        if self.dropped.is_empty() {
+            self.departure.note(&along.panels, &self.recurrence);
+        }
+        let gram = self.basis.remove(near, &along, None);
+        let left = (0..WIDTH).map(|i| gram[i][i]).fold(0.0, f64::max).sqrt();
+        let below = if !fresh && left > DEPENDENT * size { self.append(&gram)? } else { None };
+        if below.is_none() {
+            self.dropped.push((self.recurrence.diagonal.len() - 1, gram));
+        }
+        Ok(below)
     }
 
     /// Cholesky QR, twice, of w with this Gram matrix; appends Q and returns R. Nothing if the columns are dependent.
     fn append(&mut self, gram: &Block) -> Result<Option<Block>, EigenError> {
         let Some(first) = cholesky(gram) else { return Ok(None) };
-        let w = self.w.as_mut_slice();
-        let again = self.basis.multiply(w, &inverse(&first));
-        let Some(second) = cholesky(&again) else { return Ok(None) };
-        self.basis.append(w, &inverse(&second))?;
-        Ok(Some(product(&second, &first)))
+        let again = self.basis.multiply(&inverse(&first));
+        self.append_scaled(&first, &again)
+    }
+
+    /// The second half of that: w was divided by `first`, and has the Gram matrix `again`.
+    fn append_scaled(&mut self, first: &Block, again: &Block) -> Result<Option<Block>, EigenError> {
+        let Some(second) = cholesky(again) else { return Ok(None) };
+        self.basis.append(&inverse(&second))?;
+        Ok(Some(product(&second, first)))
     }
 
     /// Appends a random block, orthogonal to all that is known.
     fn fresh_block(&mut self, smooth: bool) -> Result<(), EigenError> {
         for _ in 0..3 {
-            let w = self.w.as_mut_slice();
-            for row in &mut w[..self.run.n] {
+            for row in self.basis.work(self.run.n) {
                 *row = std::array::from_fn(|_| self.random.signed());
             }
-            w[self.run.n..].fill([0.0; WIDTH]);
             if smooth {
                 // One step of B: the start is smooth, as the wanted vectors are.
-                self.run.factor.solve(&mut w[..self.run.n]);
+                self.run.factor.solve(self.basis.work(self.run.n));
             }
             let mut gram = ZERO;
             for _ in 0..2 {
-                let along = self.basis.along(w, None);
-                gram = self.basis.remove(w, &along);
+                let (near, along) = (self.basis.near(), self.basis.along(false, None));
+                gram = self.basis.remove(&near, &along, None);
             }
             if self.append(&gram)?.is_some() {
                 return Ok(());
@@ -189,20 +240,7 @@ impl<'a> Krylov<'a> {
 
     /// Solves the projected problem, and judges it.
     fn judge(&self) -> Result<(Projected, Verdict), EigenError> {
-        let blocks = self.diagonal.len();
-        let m = blocks * WIDTH;
-        let mut projection = Mat::<f64>::zeros(m, m);
-        for j in 0..blocks {
-            for p in 0..WIDTH {
-                for q in 0..WIDTH {
-                    projection[(j * WIDTH + p, j * WIDTH + q)] = self.diagonal[j][p][q];
-                    if j + 1 < blocks {
-                        projection[((j + 1) * WIDTH + p, j * WIDTH + q)] = self.below[j][p][q];
-                    }
-                }
-            }
-        }
-        let (values, vectors) = symmetric_eigen(projection.as_ref())?;
+        let (values, vectors) = symmetric_eigen(self.recurrence.matrix().as_ref())?;
         let ritz = self.ritz(&values, &vectors);
         let verdict = self.run.reach.judge(&ritz, self.run.shift, self.run.tolerance);
         Ok((Projected { values, vectors }, verdict))
@@ -210,8 +248,8 @@ impl<'a> Krylov<'a> {
 
     /// All Ritz pairs with positive eigenvalues of A, ascending, with the residuals that purification will leave.
     fn ritz(&self, values: &[f64], vectors: &Mat<f64>) -> Vec<Ritz> {
-        let last = self.below.len() - 1;
-        let rest = product(&transposed(&self.below[last]), &self.below[last]);
+        let last = self.recurrence.below.len() - 1;
+        let rest = product(&transposed(&self.recurrence.below[last]), &self.recurrence.below[last]);
         let square = |gram: &Block, block: usize, column: usize| -> f64 {
             let s: Row = std::array::from_fn(|p| vectors[(block * WIDTH + p, column)]);
             (0..WIDTH).map(|p| s[p] * (0..WIDTH).map(|q| gram[p][q] * s[q]).sum::<f64>()).sum()
@@ -231,21 +269,22 @@ impl<'a> Krylov<'a> {
 
     /// Purified Ritz vectors of unit norm.
     fn found(&self, projected: &Projected, chosen: &Chosen) -> Result<Found, EigenError> {
-        let m = self.diagonal.len() * WIDTH;
-        let last = &self.below[self.below.len() - 1];
-        let mut c = Mat::<f64>::zeros(m + WIDTH, chosen.pairs.len());
-        for (j, ritz) in chosen.pairs.iter().enumerate() {
-            let theta = projected.values[ritz.column];
-            let s = |i: usize| projected.vectors[(i, ritz.column)];
+        let m = self.recurrence.diagonal.len() * WIDTH;
+        let last = &self.recurrence.below[self.recurrence.below.len() - 1];
+        let columns: Vec<usize> = chosen.pairs.iter().map(|r| r.column).collect();
+        let s = self.departure.correct(&projected.values, projected.vectors.as_ref(), &columns);
+        let mut c = Mat::<f64>::zeros(m + WIDTH, columns.len());
+        for (j, &column) in columns.iter().enumerate() {
             let mut norm = 1.0;
             for p in 0..WIDTH {
-                let next: f64 = (0..WIDTH).map(|q| last[p][q] * s(m - WIDTH + q)).sum::<f64>() / theta;
+                let rest: f64 = (0..WIDTH).map(|q| last[p][q] * s[(m - WIDTH + q, j)]).sum();
+                let next = rest / projected.values[column];
                 c[(m + p, j)] = next;
                 norm += next * next;
             }
             let scale = 1.0 / norm.sqrt();
             for i in 0..m {
-                c[(i, j)] = s(i) * scale;
+                c[(i, j)] = s[(i, j)] * scale;
             }
             for p in 0..WIDTH {
                 c[(m + p, j)] *= scale;

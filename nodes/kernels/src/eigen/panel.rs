@@ -81,12 +81,13 @@ pub(crate) fn add_gram(h: &mut Block, a: &[Row], w: &[Row]) {
 /// w -= a h.
 #[inline(always)]
 pub(crate) fn subtract_product(w: &mut [Row], a: &[Row], h: &Block) {
-    let (w4, w1) = w.as_chunks_mut::<4>();
-    let (a4, a1) = a.as_chunks::<4>();
-    for (y, x) in w4.iter_mut().zip(a4) {
+    // Eight rows in flight, so that products do not wait for each other.
+    let (w8, w1) = w.as_chunks_mut::<8>();
+    let (a8, a1) = a.as_chunks::<8>();
+    for (y, x) in w8.iter_mut().zip(a8) {
         let mut rows = *y;
         for i in 0..WIDTH {
-            for r in 0..4 {
+            for r in 0..8 {
                 subtract_multiple(&mut rows[r], x[r][i], &h[i]);
             }
         }
@@ -118,6 +119,17 @@ pub(crate) fn add(a: &mut Block, b: &Block) {
     for (x, y) in a.as_flattened_mut().iter_mut().zip(b.as_flattened()) {
         *x += y;
     }
+}
+
+pub(crate) fn subtract(a: &mut Block, b: &Block) {
+    for (x, y) in a.as_flattened_mut().iter_mut().zip(b.as_flattened()) {
+        *x -= y;
+    }
+}
+
+/// Frobenius norm.
+pub(crate) fn norm(a: &Block) -> f64 {
+    a.as_flattened().iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
 pub(crate) fn transposed(a: &Block) -> Block {

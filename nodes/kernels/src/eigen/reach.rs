@@ -10,6 +10,9 @@ const PATIENCE: usize = 24;
 /// Pairs that only show where the next gap is may have this residual relative to their value.
 const WEAK: f64 = 1e-6;
 
+/// How far off residuals are when pairs are missing altogether.
+const SOME: f64 = 30.0;
+
 /// An approximate eigenvalue of A, the residual it will have, and its column in the projected problem.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ritz {
@@ -41,8 +44,8 @@ pub(super) enum Verdict {
     Done(Chosen),
     /// All there is below the shift is accurate, but copies of multiple eigenvalues are missing: a fresh block is needed.
     Short,
-    /// More steps are needed.
-    NotYet,
+    /// More steps are needed: by so much the largest residual among the wanted pairs is too large; some, if pairs are missing.
+    NotYet(f64),
 }
 
 pub(super) struct Chosen {
@@ -62,30 +65,32 @@ impl Reach {
         let split = ritz.partition_point(|r| r.value < shift);
         let (below, above) = ritz.split_at(split);
         // Ritz residuals are estimates; the margin keeps the computed ones within the tolerance.
-        let accurate = |r: &Ritz| r.residual <= 0.5 * tolerance * r.value;
+        let off = |r: &Ritz| r.residual / (0.5 * tolerance * r.value);
+        let accurate = |r: &Ritz| off(r) <= 1.0;
         let low = match self.below {
             Side::Count(count) => count,
             Side::Until(value) => below.iter().rev().take_while(|r| r.value > value).count(),
         };
         if low > below.len() {
-            return if below.iter().all(accurate) { Verdict::Short } else { Verdict::NotYet };
-        }
-        // Until something lies beyond the window's edge, the edge was not reached.
-        let reached = self.is_lowest() || low < below.len();
-        let low = &below[below.len() - low..];
-        if !reached || !low.iter().all(accurate) {
-            return Verdict::NotYet;
+            return if below.iter().all(accurate) { Verdict::Short } else { Verdict::NotYet(SOME) };
         }
         let target = match self.above {
             Side::Count(count) => count,
             Side::Until(value) => above.iter().take_while(|r| r.value <= value).count(),
         };
-        match upper_end(above, target, shift, &accurate) {
-            Some((high, cut, gap)) => {
-                Verdict::Done(Chosen { pairs: low.iter().chain(&above[..high]).copied().collect(), cut, gap })
-            }
-            None => Verdict::NotYet,
+        // Until something lies beyond the window's edge, the edge was not reached.
+        let reached = self.is_lowest() || low < below.len();
+        let low = &below[below.len() - low..];
+        if reached
+            && low.iter().all(accurate)
+            && let Some((high, cut, gap)) = upper_end(above, target, shift, &accurate)
+        {
+            return Verdict::Done(Chosen { pairs: low.iter().chain(&above[..high]).copied().collect(), cut, gap });
         }
+        if !reached || target > above.len() {
+            return Verdict::NotYet(SOME);
+        }
+        Verdict::NotYet(low.iter().chain(&above[..target]).map(off).fold(1.0, f64::max))
     }
 }
 

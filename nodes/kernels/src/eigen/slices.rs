@@ -1,6 +1,6 @@
 //! The wanted part of the spectrum in slices: each around a shift of its own, independent of the others, joined at cuts in gaps.
 
-use super::basis::Null;
+use super::basis::{Null, Pool};
 use super::certify::collect;
 use super::factor::Factorizer;
 use super::lanczos::{Found, Run, expected_blocks, lanczos};
@@ -33,9 +33,11 @@ pub(super) struct Union {
     pub last: bool,
 }
 
-/// A shift, and the factorisation if it is at hand.
+/// A window of the spectrum that ends where the next one begins: its shift, about how many pairs, and the factorisation if it is at hand.
 struct Slice {
+    begin: f64,
     shift: f64,
+    pairs: usize,
     factor: Mutex<Option<Packed>>,
 }
 
@@ -51,6 +53,9 @@ pub(super) fn slice_count(n: usize, wanted: usize) -> usize {
     (wanted / SLICE_PAIRS).min(n / (SLICE_PAIRS * SLICE_SHARE)).max(1)
 }
 
+/// The uppermost shift may miss its place by this share of a window.
+const OFF: f64 = 0.15;
+
 /// How an attempt differs from the first one.
 #[derive(Clone, Copy)]
 pub(super) struct Attempt {
@@ -64,13 +69,14 @@ pub(super) fn union(spectrum: &Spectrum<'_>, attempt: Attempt) -> Result<Union, 
     let count = slices.len();
     let blocks = count * expected_blocks(spectrum.wanted / count, count == 1);
     let done = AtomicUsize::new(0);
+    let pool = Pool::new(spectrum.n);
     let step = || {
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         spectrum.hooks.progress(0.05 + 0.8 * (done as f64 / blocks as f64).min(1.0));
     };
     let found = collect(spectrum.hooks, count, &|task| {
         // The uppermost slice first: its factorisation is at hand.
-        run_slice(spectrum, &slices, count - 1 - task, attempt, &step)
+        run_slice(spectrum, &slices, count - 1 - task, &pool, attempt, &step)
     })?;
     join(spectrum, found.into_iter().rev().collect::<Result<_, _>>()?)
 }
@@ -79,29 +85,36 @@ fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Shifts by Weyl's law, corrected by the count at the uppermost.
+/// Windows of as many eigenvalues each, by Weyl's law as the count at the uppermost shift corrects it, and a shift in each.
 fn plan(spectrum: &Spectrum<'_>, attempt: Attempt) -> Result<Vec<Slice>, EigenError> {
     let count = slice_count(spectrum.n, spectrum.wanted);
     let wanted = spectrum.wanted as f64;
-    let place = |i: usize| (i as f64 + 0.5) / count as f64;
+    let share = wanted / count as f64;
+    let aim = wanted - 0.5 * share;
     let nudge = [1.0, 0.93, 1.06, 0.97][attempt.number % 4];
     // Area 1: eigenvalue number j is about 4 pi j.
-    let mut top = 4.0 * PI * wanted.max(1.0) * place(count - 1) * nudge;
-    let aim = wanted * place(count - 1);
+    let mut top = 4.0 * PI * aim.max(1.0) * nudge;
     let mut tries = 0;
-    let factor = loop {
+    let (factor, below) = loop {
         spectrum.hooks.phase(Phase::Factorise);
         let factor = spectrum.factorizer.factor(top)?;
-        let below = factor.negative().saturating_sub(spectrum.null.count);
-        let off = (below as f64 - aim).abs();
-        if off <= (0.4 * wanted / count as f64).max(4.0) || tries == 4 {
-            break factor;
+        let below = factor.negative().saturating_sub(spectrum.null.count) as f64;
+        if (below - aim).abs() <= (OFF * share).max(4.0) || tries == 4 {
+            break (factor, below);
         }
         tries += 1;
-        top *= (aim / (below as f64).max(1.0)).clamp(0.05, 20.0);
+        top *= (aim / below.max(1.0)).clamp(0.05, 20.0);
     };
-    let shift = |i: usize| top * place(i) / place(count - 1);
-    let slices: Vec<Slice> = (0..count).map(|i| Slice { shift: shift(i), factor: Mutex::new(None) }).collect();
+    // The uppermost window reaches as far below its shift as above it; the others share the rest.
+    let edge = (2.0 * below - wanted).clamp(0.0, below);
+    let value = |number: f64| top * number / below.max(1.0);
+    let slices = (0..count).map(|i| {
+        let width = edge / (count - 1).max(1) as f64;
+        let begin = i as f64 * width;
+        let (shift, pairs) = if i + 1 == count { (top, wanted - begin) } else { (value(begin + 0.5 * width), width) };
+        Slice { begin: value(begin), shift, pairs: pairs as usize, factor: Mutex::new(None) }
+    });
+    let slices: Vec<Slice> = slices.collect();
     *lock(&slices[count - 1].factor) = Some(factor);
     Ok(slices)
 }
@@ -110,6 +123,7 @@ fn run_slice(
     spectrum: &Spectrum<'_>,
     slices: &[Slice],
     i: usize,
+    pool: &Pool,
     attempt: Attempt,
     step: &dyn Fn(),
 ) -> Result<Found, EigenError> {
@@ -122,21 +136,19 @@ fn run_slice(
         spectrum.factorizer.factor(slice.shift)?
     };
     let own = factor.negative().saturating_sub(spectrum.null.count);
-    let middle = |j: usize| 0.5 * (slices[j].shift + slices[j + 1].shift);
-    let last = slices.len() - 1;
-    let share = spectrum.wanted / slices.len();
-    let below = if i == 0 { Side::Count(own) } else { Side::Until(middle(i - 1)) };
-    let above = if i == last { Side::Count(spectrum.wanted.saturating_sub(own)) } else { Side::Until(middle(i)) };
-    let half = share / 2;
-    let expected =
-        (if i == 0 { own } else { half }) + if i == last { spectrum.wanted.saturating_sub(own) } else { half };
+    let below = if i == 0 { Side::Count(own) } else { Side::Until(slice.begin) };
+    let above = match slices.get(i + 1) {
+        Some(next) => Side::Until(next.begin),
+        None => Side::Count(spectrum.wanted.saturating_sub(own)),
+    };
     let run = Run {
         n: spectrum.n,
         shift: slice.shift,
         count_below: own,
         factor: &factor,
         null: spectrum.null,
-        reach: Reach { below, above, expected },
+        pool,
+        reach: Reach { below, above, expected: slice.pairs },
         tolerance: spectrum.options.tolerance,
         restarts: attempt.restarts,
         seed: 1 + (attempt.number * 64 + i) as u64,

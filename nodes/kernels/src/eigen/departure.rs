@@ -1,0 +1,125 @@
+//! Where a Krylov basis departs from the three-term recurrence.
+//!
+//! Orthogonalising against the whole basis only now and then (Simon 1984) removes products that have grown from rounding errors to about
+//! 1e-8. What was removed is known, so the relation stays exact: B V = V (T + N) + rest, N made of those products. Eigenvalues of T are then
+//! those of the projection of B up to rounding, and eigenvectors of T + N, to first order in N, give Ritz vectors that are as orthogonal, and
+//! as accurate, as if every step had been orthogonalised in full.
+
+use super::panel::{Block, WIDTH, ZERO, add, product, subtract, transposed};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatRef, Par};
+
+/// Eigenvalues of T nearer to each other than this, relative to the largest, are left unmixed: N there is smaller than rounding of T.
+const NEAR: f64 = 1e-5;
+
+/// The recurrence as far as it goes: T, symmetric, in blocks.
+#[derive(Default)]
+pub(super) struct Recurrence {
+    /// Diagonal blocks of the projection of B, and those below: V_(j+1) below[j] is what was left of B V_j.
+    pub diagonal: Vec<Block>,
+    pub below: Vec<Block>,
+}
+
+impl Recurrence {
+    /// T.
+    pub fn matrix(&self) -> Mat<f64> {
+        let blocks = self.diagonal.len();
+        let mut matrix = Mat::<f64>::zeros(blocks * WIDTH, blocks * WIDTH);
+        for j in 0..blocks {
+            for p in 0..WIDTH {
+                for q in 0..WIDTH {
+                    matrix[(j * WIDTH + p, j * WIDTH + q)] = self.diagonal[j][p][q];
+                    if j + 1 < blocks {
+                        matrix[((j + 1) * WIDTH + p, j * WIDTH + q)] = self.below[j][p][q];
+                        matrix[(j * WIDTH + q, (j + 1) * WIDTH + p)] = self.below[j][p][q];
+                    }
+                }
+            }
+        }
+        matrix
+    }
+
+    /// Row i of T c.
+    fn times(&self, c: &[Block], i: usize) -> Block {
+        let mut row = ZERO;
+        if i > 0 && i <= c.len() {
+            add(&mut row, &product(&self.below[i - 1], &c[i - 1]));
+        }
+        if i < c.len() {
+            add(&mut row, &product(&self.diagonal[i], &c[i]));
+        }
+        if i + 1 < c.len() {
+            add(&mut row, &product(&transposed(&self.below[i]), &c[i + 1]));
+        }
+        row
+    }
+}
+
+/// N, by columns of blocks.
+#[derive(Default)]
+pub(super) struct Departure {
+    columns: Vec<(usize, Vec<Block>)>,
+}
+
+impl Departure {
+    /// Notes that the last V_j of the recurrence lost V c, and what is left of B V_j, before it became V_(j+1), lost V d: `removed` holds blocks of c
+    /// and d of the first panels, two less than there are at most.
+    pub fn note(&mut self, removed: &[[Block; 2]], recurrence: &Recurrence) {
+        if removed.is_empty() {
+            return;
+        }
+        let j = recurrence.diagonal.len() - 1;
+        let c: Vec<Block> = removed.iter().map(|r| r[0]).collect();
+        self.columns.push((j - 1, c.iter().map(|c| product(c, &recurrence.below[j - 1])).collect()));
+        let column = (0..=removed.len()).map(|i| {
+            let mut entry = ZERO;
+            if let Some([c, d]) = removed.get(i) {
+                add(&mut entry, d);
+                add(&mut entry, &product(c, &recurrence.diagonal[j]));
+            }
+            subtract(&mut entry, &recurrence.times(&c, i));
+            entry
+        });
+        self.columns.push((j, column.collect()));
+    }
+
+    /// Eigenvectors number `chosen` of T + N, to first order in N, from all eigenpairs of T.
+    pub fn correct(&self, values: &[f64], vectors: MatRef<'_, f64>, chosen: &[usize]) -> Mat<f64> {
+        let m = values.len();
+        let mut corrected = Mat::from_fn(m, chosen.len(), |i, j| vectors[(i, chosen[j])]);
+        if self.columns.is_empty() {
+            return corrected;
+        }
+        let (mut left, mut right) = (
+            Mat::<f64>::zeros(m, self.columns.len() * WIDTH),
+            Mat::<f64>::zeros(self.columns.len() * WIDTH, chosen.len()),
+        );
+        for (c, (column, blocks)) in self.columns.iter().enumerate() {
+            for p in 0..WIDTH {
+                for j in 0..chosen.len() {
+                    right[(c * WIDTH + p, j)] = corrected[(column * WIDTH + p, j)];
+                }
+                for (i, block) in blocks.iter().enumerate() {
+                    for q in 0..WIDTH {
+                        left[(i * WIDTH + q, c * WIDTH + p)] = block[q][p];
+                    }
+                }
+            }
+        }
+        let times = |a: MatRef<'_, f64>, b: MatRef<'_, f64>| {
+            let mut product = Mat::<f64>::zeros(a.nrows(), b.ncols());
+            matmul(product.as_mut(), Accum::Replace, a, b, 1.0, Par::Seq);
+            product
+        };
+        let mut mixed = times(vectors.transpose(), times(left.as_ref(), right.as_ref()).as_ref());
+        let largest = values.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+        for (j, &column) in chosen.iter().enumerate() {
+            for i in 0..m {
+                let difference = values[column] - values[i];
+                mixed[(i, j)] = if difference.abs() > NEAR * largest { mixed[(i, j)] / difference } else { 0.0 };
+            }
+        }
+        matmul(corrected.as_mut(), Accum::Add, vectors, mixed.as_ref(), 1.0, Par::Seq);
+        corrected
+    }
+}
