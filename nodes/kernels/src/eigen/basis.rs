@@ -110,7 +110,7 @@ impl Drop for Basis<'_> {
 /// Products of the working panel w with what is nearest to it.
 pub(super) struct Near {
     /// With the last panel and the one before.
-    last: [Block; 2],
+    pub last: [Block; 2],
     null: Vec<Row>,
     /// With the sketch of all others.
     pub sketch: Block,

@@ -18,6 +18,8 @@ pub(super) struct Recurrence {
     /// Diagonal blocks of the projection of B, and those below: V_(j+1) below[j] is what was left of B V_j.
     pub diagonal: Vec<Block>,
     pub below: Vec<Block>,
+    /// Blocks further away from the diagonal, by row and column: products with what fresh blocks have replaced.
+    pub couplings: Vec<(usize, usize, Block)>,
 }
 
 impl Recurrence {
@@ -25,16 +27,22 @@ impl Recurrence {
     pub fn matrix(&self) -> Mat<f64> {
         let blocks = self.diagonal.len();
         let mut matrix = Mat::<f64>::zeros(blocks * WIDTH, blocks * WIDTH);
-        for j in 0..blocks {
+        let mut set = |row: usize, column: usize, block: &Block| {
             for p in 0..WIDTH {
                 for q in 0..WIDTH {
-                    matrix[(j * WIDTH + p, j * WIDTH + q)] = self.diagonal[j][p][q];
-                    if j + 1 < blocks {
-                        matrix[((j + 1) * WIDTH + p, j * WIDTH + q)] = self.below[j][p][q];
-                        matrix[(j * WIDTH + q, (j + 1) * WIDTH + p)] = self.below[j][p][q];
-                    }
+                    matrix[(row * WIDTH + p, column * WIDTH + q)] = block[p][q];
+                    matrix[(column * WIDTH + q, row * WIDTH + p)] = block[p][q];
                 }
             }
+        };
+        for j in 0..blocks {
+            set(j, j, &self.diagonal[j]);
+            if j + 1 < blocks {
+                set(j + 1, j, &self.below[j]);
+            }
+        }
+        for (row, column, block) in &self.couplings {
+            set(*row, *column, block);
         }
         matrix
     }

@@ -7,7 +7,7 @@ use super::basis::{Along, Basis, Near, Null, Pool};
 use super::dense::symmetric_eigen;
 use super::departure::{Departure, Recurrence};
 use super::packed::Packed;
-use super::panel::{Block, Row, WIDTH, ZERO, cholesky, inverse, norm, product, symmetrised, transposed};
+use super::panel::{Block, Row, WIDTH, ZERO, cholesky, inverse, norm, product, subtract, symmetrised, transposed};
 use super::reach::{Chosen, Reach, Ritz, Verdict};
 use super::vectors::Store;
 use super::{EigenError, Hooks, Phase};
@@ -69,7 +69,7 @@ struct Krylov<'a> {
     basis: Basis<'a>,
     recurrence: Recurrence,
     departure: Departure,
-    /// Where a fresh block replaced what was left of B V_j: j, and the Gram matrix of what was dropped.
+    /// Where a fresh block replaced what was left of B V_j: j, and the Gram matrix of what was dropped and has not been found again.
     dropped: Vec<(usize, Block)>,
     random: Random,
     /// No check for convergence before so many blocks.
@@ -189,15 +189,21 @@ impl<'a> Krylov<'a> {
     /// Orthogonalises w against everything known. Appends it and returns its R, or nothing if it is to be replaced or nothing is left of it.
     fn append_in_full(&mut self, near: &Near, fresh: bool, size: f64) -> Result<Option<Block>, EigenError> {
         let along = self.basis.along(true, None);
-        // Once a block has been replaced, products with it are no rounding errors, but they count as residuals.
+        let last = self.recurrence.diagonal.len() - 1;
         if self.dropped.is_empty() {
             self.departure.note(&along.panels, &self.recurrence);
+        }
+        for (block, rest) in &mut self.dropped {
+            // What was dropped turns up again here.
+            let found = if *block + 1 == last { near.last[1] } else { along.panels[*block][1] };
+            self.recurrence.couplings.push((*block, last, found));
+            subtract(rest, &product(&found, &transposed(&found)));
         }
         let gram = self.basis.remove(near, &along, None);
         let left = (0..WIDTH).map(|i| gram[i][i]).fold(0.0, f64::max).sqrt();
         let below = if !fresh && left > DEPENDENT * size { self.append(&gram)? } else { None };
         if below.is_none() {
-            self.dropped.push((self.recurrence.diagonal.len() - 1, gram));
+            self.dropped.push((last, gram));
         }
         Ok(below)
     }

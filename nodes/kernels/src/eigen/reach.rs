@@ -104,6 +104,10 @@ fn upper_end(above: &[Ritz], target: usize, shift: f64, accurate: &dyn Fn(&Ritz)
         let next = &above[count];
         let last = if count == 0 { shift } else { above[count - 1].value };
         let gap = (next.value - last) / next.value;
+        if gap <= NARROW {
+            // Another copy of a multiple eigenvalue, so it seems: no place for a cut, and the next turn asks whether it is accurate.
+            continue;
+        }
         if next.residual > (WEAK * next.value).min(0.1 * gap * next.value) {
             return None;
         }
