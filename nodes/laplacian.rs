@@ -142,10 +142,11 @@ impl Node for Laplacian {
     type Inputs = In;
     type Output = Operator;
 
-    fn run(params: &Params, In { mesh }: In, _: Context) -> Result<Operator, NodeError> {
+    fn run(params: &Params, In { mesh }: In, cx: Context) -> Result<Operator, NodeError> {
         let area = params.area.into();
-        let matrices = laplacian::laplacian(&mesh.vertices, &mesh.faces, area, params.intrinsic_delaunay)
-            .map_err(|e| explain(&e))?;
+        let stop = || cx.cancelled();
+        let made = laplacian::laplacian_until(&mesh.vertices, &mesh.faces, area, params.intrinsic_delaunay, &stop);
+        let matrices = made.map_err(|e| explain(&e))?;
         Ok(Operator(matrices))
     }
 }
@@ -154,6 +155,7 @@ impl Node for Laplacian {
 fn explain(e: &LaplacianError) -> NodeError {
     let error = NodeError::new(format!("the mesh has no Laplacian: {e}"));
     match e {
+        LaplacianError::Cancelled => NodeError::cancelled(),
         LaplacianError::ZeroAreaFace { .. } | LaplacianError::RepeatedVertex { .. } => error
             .help("add `drop_degenerate: true, drop_unreferenced: true` to the mesh's `load`, which removes all faces without area, and vertices that only they had"),
         LaplacianError::UnreferencedVertex { .. } => {

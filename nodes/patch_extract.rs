@@ -42,6 +42,13 @@ impl Metric {
             Self::Exact => geodesic::Metric::Exact,
         }
     }
+
+    /// A mesh made ready for distances; `lacking` begins the error if it has none.
+    pub fn prepare(self, mesh: &Mesh, lacking: &str, cx: Context) -> Result<Geodesics, NodeError> {
+        let made = Geodesics::new_until(&mesh.vertices, &mesh.faces, self.kernel(), &|| cx.cancelled());
+        cx.check()?;
+        made.map_err(|e| NodeError::new(format!("{lacking}: {e}")))
+    }
 }
 
 /// Params of [`PatchExtract`].
@@ -261,14 +268,16 @@ impl Node for PatchExtract {
                 mesh.vertices.len()
             )));
         }
-        let geodesics = Geodesics::new(&mesh.vertices, &mesh.faces, params.metric.kernel()).map_err(|e| bad(&e))?;
+        let geodesics = params.metric.prepare(&mesh, "the mesh has no discs", cx)?;
         let cutter = DiscCutter::new(&mesh.vertices, &mesh.faces).map_err(|e| bad(&e))?;
         let batches: Vec<&[Feature]> = maxima.features.chunks(BATCH).collect();
         let patches = cx.map(&batches, |_, batch| {
-            let (mut cutter, mut search) = (cutter.clone(), geodesics.search());
+            let stop = || cx.cancelled();
+            let (mut cutter, mut search) = (cutter.clone(), geodesics.search_until(&stop));
             let patch = |f: &Feature| {
+                let made = patch(&mut cutter, &mut search, f, params);
                 cx.check()?;
-                Ok(patch(&mut cutter, &mut search, f, params))
+                Ok(made)
             };
             batch.iter().map(patch).collect::<Result<Vec<_>, NodeError>>()
         })?;
@@ -311,8 +320,9 @@ fn distances(geodesics: &Geodesics, features: &[Feature], cx: Context) -> Result
     let vertices: Vec<u32> = features.iter().map(|f| f.vertex).collect::<BTreeSet<_>>().into_iter().collect();
     let batches: Vec<&[u32]> = vertices.chunks(BATCH).collect();
     let rows = cx.map(&batches, |_, batch| {
+        let rows = geodesics.search_until(&|| cx.cancelled()).between(batch, &vertices);
         cx.check()?;
-        Ok(geodesics.search().between(batch, &vertices))
+        Ok(rows)
     })?;
     let rows: Vec<Vec<f64>> = rows.into_iter().flatten().collect();
     let at = |f: &Feature| vertices.partition_point(|v| *v < f.vertex);

@@ -138,6 +138,7 @@ impl Node for ReconstructionEnergy {
 
     fn run(params: &Params, In { mesh, basis }: In, cx: Context) -> Result<Energy, NodeError> {
         basis.must_belong_to(&mesh)?;
+        cx.check()?;
         let coefficients = coefficients(&mesh.vertices, &basis);
         let clusters = clusters(&basis.values, params.cluster);
         let n = mesh.vertices.len();

@@ -48,7 +48,7 @@ pub struct Match {
     pub proved: bool,
     /// What ended the search: `proved`, `nodes` or `seconds`; `exchanged` once `orient_match` has put the twin in its place.
     pub stopped: String,
-    /// Objective of the heuristic alone, before branching.
+    /// Objective of the heuristic alone, before branching; after an exchange, that of the twin, which was found so.
     pub heuristic: f64,
     /// Numbers of left and right features.
     pub features: [usize; 2],

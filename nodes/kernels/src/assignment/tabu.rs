@@ -4,6 +4,7 @@ use super::lap::Lap;
 use super::model::Model;
 use super::pool::Pool;
 use crate::random::Random;
+use crate::stop::Stop;
 
 const NONE: u32 = u32::MAX;
 
@@ -63,7 +64,7 @@ impl<'a> Search<'a> {
 
     /// Run number `round`: from the greedy assignment if it is 0, else from the best one, disturbed. Ends after `idle` moves without improvement.
     /// False if there is nothing to search.
-    pub fn run(&mut self, round: usize, idle: usize, stop: &dyn Fn() -> bool) -> bool {
+    pub fn run(&mut self, round: usize, idle: usize, stop: Stop) -> bool {
         if self.m.left.is_empty() && (self.m.n_left == 0 || !self.m.mandatory) {
             self.load(&[]);
             return false;
@@ -89,11 +90,11 @@ impl<'a> Search<'a> {
     }
 
     /// Improves a given assignment by a short search.
-    pub fn polish(&mut self, set: &[u32], iterations: usize) {
+    pub fn polish(&mut self, set: &[u32], iterations: usize, stop: Stop) {
         self.load(set);
         self.tabu.fill(0);
         for _ in 0..iterations {
-            if !self.step() {
+            if self.clock.is_multiple_of(64) && stop() || !self.step() {
                 break;
             }
         }
