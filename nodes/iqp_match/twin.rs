@@ -106,7 +106,9 @@ fn improved(model: &Model, problem: &Problem, mut chosen: Vec<usize>, cx: Contex
     let change = |earns: &mut [f64], a: usize, sign: f64| {
         problem.pair_scores(a).for_each(|(b, h)| earns[b] += sign * h);
     };
-    chosen.iter().for_each(|a| change(&mut earns, *a, 1.0));
+    for a in &chosen {
+        change(&mut earns, *a, 1.0);
+    }
     for _ in 0..PASSES {
         cx.check()?;
         let gain = |a: usize| {
@@ -125,7 +127,9 @@ fn improved(model: &Model, problem: &Problem, mut chosen: Vec<usize>, cx: Contex
         let Some((a, _)) = best.filter(|(_, gain)| *gain > 1e-9) else { break };
         let (gone, kept): (Vec<usize>, Vec<usize>) =
             chosen.iter().partition(|b| **b == a || all[**b].excludes(&all[a]));
-        gone.iter().for_each(|b| change(&mut earns, *b, -1.0));
+        for b in &gone {
+            change(&mut earns, *b, -1.0);
+        }
         chosen = kept;
         if !gone.contains(&a) {
             change(&mut earns, a, 1.0);
