@@ -69,6 +69,7 @@ pub struct Operator(pub Matrices);
 impl Artefact for Operator {
     const TYPE: &'static str = "operator";
     const FORMAT: u32 = 1;
+    const PLACE: salient_sdk::Place = salient_sdk::Place::OnSurface;
     const DOC: &'static str = "The generalised eigenproblem M v = lambda S v: symmetric stiffness M in CSR (`offsets` [n+1], \
         `columns` and `stiffness` [nonzeros], both triangles, no unit) and diagonal `mass` [n] (area).";
 

@@ -66,6 +66,7 @@ pub struct Salient {
 impl Artefact for Salient {
     const TYPE: &'static str = "maxima";
     const FORMAT: u32 = 1;
+    const PLACE: salient_sdk::Place = salient_sdk::Place::OnSurface;
     const DOC: &'static str =
         "Salient features, highest energy first: `vertex`, `k`, `lambda` (1/length²), `energy` (length), each [f].";
 

@@ -144,6 +144,7 @@ struct PatchHeader {
 impl Artefact for Patches {
     const TYPE: &'static str = "patches";
     const FORMAT: u32 = 1;
+    const PLACE: salient_sdk::Place = salient_sdk::Place::OnSurface;
     const DOC: &'static str = "Features with their patches, whose `patch_vertices` [sum, 3], `patch_faces` [sum, 3] (indices within \
         the patch) and `patch_source` [sum] follow each other in order, and geodesic `distances` [f, f] between features (-1: no path).";
 

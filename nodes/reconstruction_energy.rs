@@ -79,6 +79,7 @@ impl Energy {
 impl Artefact for Energy {
     const TYPE: &'static str = "energy";
     const FORMAT: u32 = 1;
+    const PLACE: salient_sdk::Place = salient_sdk::Place::OnSurface;
     const DOC: &'static str = "Reconstruction energy `values` [clusters, n] (length) of every vertex at every cluster of \
         eigenvalues, with each cluster's `first` eigenpair and mean `lambda` (1/length²).";
 

@@ -104,6 +104,7 @@ impl Match {
 impl Artefact for Match {
     const TYPE: &'static str = "match";
     const FORMAT: u32 = 2;
+    const PLACE: salient_sdk::Place = salient_sdk::Place::Between(["left", "right"]);
     const DOC: &'static str = "A one-to-one correspondence of features, `pairs` [p, 2] (left and right feature) and `vertices` [p, 2], \
         with the value of the objective, a proved upper bound and their gap; its mirror twin as `twin_pairs` and `twin_vertices` [q, 2].";
 

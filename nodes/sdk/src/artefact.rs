@@ -21,6 +21,8 @@ pub trait Artefact: Send + Sync + Sized + 'static {
     const FORMAT: u32;
     /// What it is, in one or two sentences, with units.
     const DOC: &'static str;
+    /// Where it is in space. Known before anything is computed, so that a drawing can be refused in time.
+    const PLACE: Place = Place::Nowhere;
 
     /// Writes header and arrays.
     fn encode(&self, out: &mut Encoder);
@@ -59,6 +61,19 @@ pub trait Artefact: Send + Sync + Sized + 'static {
     fn differences(&self, other: &Self, _surfaces: &Surfaces) -> Vec<Difference> {
         of_summaries(&self.summary(), &other.summary())
     }
+}
+
+/// Where an artefact is in space.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// It has none, and cannot be drawn.
+    Nowhere,
+    /// It carries its own surface: [`Artefact::surface`] gives one.
+    Itself,
+    /// Its [`View`] has functions or points on the nearest mesh upward of its node.
+    OnSurface,
+    /// Its [`View`] has links between the nearest meshes upward of these two ports.
+    Between([&'static str; 2]),
 }
 
 /// A table for export.
@@ -154,6 +169,8 @@ pub struct ArtefactType {
     pub format: u32,
     /// See [`Artefact::DOC`].
     pub doc: &'static str,
+    /// See [`Artefact::PLACE`].
+    pub place: Place,
     /// Reads an artefact of this type; the error says what is wrong with the bytes.
     pub decode: Decode,
 }
@@ -162,7 +179,7 @@ impl ArtefactType {
     /// The descriptor of `T`.
     #[must_use]
     pub const fn of<T: Artefact>() -> Self {
-        Self { name: T::TYPE, format: T::FORMAT, doc: T::DOC, decode: decode::<T> }
+        Self { name: T::TYPE, format: T::FORMAT, doc: T::DOC, place: T::PLACE, decode: decode::<T> }
     }
 }
 

@@ -33,7 +33,7 @@ pub mod registry;
 pub mod testing;
 pub mod view;
 
-pub use artefact::{AnyArtefact, Artefact, ArtefactType, Table};
+pub use artefact::{AnyArtefact, Artefact, ArtefactType, Place, Table};
 pub use codec::{ArrayView, Decoder, Encoder, FormatError};
 pub use context::{Context, Host};
 pub use difference::{Common, Difference, Surfaces};
