@@ -63,7 +63,7 @@ impl Node for Cut {
         Vec::new()
     }
 
-    fn run(params: &Params, In { mesh }: In, _: Context) -> Result<Mesh, NodeError> {
+    fn run(params: &Params, In { mesh }: In, cx: Context) -> Result<Mesh, NodeError> {
         let bad = |e: &dyn std::fmt::Display| NodeError::new(format!("the mesh cannot be cut: {e}"));
         let along = |v: u32| {
             let p = mesh.vertices[v as usize];
@@ -73,9 +73,13 @@ impl Node for Cut {
             mesh.faces.as_flattened().iter().copied().max_by(|a, b| along(*a).total_cmp(&along(*b)).then(b.cmp(a)));
         let start = last.ok_or_else(|| NodeError::new("the mesh has no faces to cut"))?;
         let geodesics = Geodesics::new(&mesh.vertices, &mesh.faces, Metric::Unfolded).map_err(|e| bad(&e))?;
+        cx.check()?;
         let distance = geodesics.search().distances(&[start]);
+        cx.check()?;
         let faces = nearest_faces(&mesh, &distance, params.keep);
+        cx.check()?;
         let used = topology::drop_unreferenced(&mesh.vertices, &faces).map_err(|e| bad(&e))?;
+        cx.check()?;
         let piece = topology::largest_component(&used.vertices, &used.faces).map_err(|e| bad(&e))?;
         let kept: Vec<u32> = piece.source.iter().map(|v| used.source[*v as usize]).collect();
         Ok(mesh.renumbered(piece.vertices, piece.faces, &kept))

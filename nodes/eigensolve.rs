@@ -96,6 +96,7 @@ impl Eigenpairs {
 impl Artefact for Eigenpairs {
     const TYPE: &'static str = "eigenpairs";
     const FORMAT: u32 = 1;
+    const PLACE: salient_sdk::Place = salient_sdk::Place::OnSurface;
     const DOC: &'static str = "Eigenpairs of M v = lambda S v: `values` [k] (1/length²), `vectors` [k, n] (row j is eigenvector j; \
         V' S V = I), the diagonal `mass` [n] of S (area), and the certificate.";
 
@@ -142,6 +143,10 @@ impl Artefact for Eigenpairs {
 
     fn differences(&self, other: &Self, _: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
         crate::differences::eigenpairs(self, other)
+    }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::eigenpairs(self)
     }
 }
 

@@ -10,7 +10,6 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use salient_kernels::geodesic::Geodesics;
 use salient_sdk::{
     Artefact, Context, Decoder, Encoder, FormatError, Inputs, Mesh, Node, NodeError, Port, PortValues, Table,
 };
@@ -180,6 +179,10 @@ impl Artefact for Evaluation {
     fn differences(&self, other: &Self, _: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
         crate::differences::evaluations(self, other)
     }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::evaluation(self)
+    }
 }
 
 /// The node.
@@ -204,17 +207,17 @@ impl Node for EvaluateMatch {
     fn run(params: &Params, inputs: In, cx: Context) -> Result<Evaluation, NodeError> {
         let In { matched, left, right, template } = inputs;
         matched.check_vertices(&left, &right)?;
-        let truth = Truth::new(&left, &right, template.as_deref(), params.mirror, params.reach)?;
-        let geodesics = Geodesics::new(&right.vertices, &right.faces, params.metric.kernel())
-            .map_err(|e| NodeError::new(format!("the right mesh has no geodesics: {e}")))?;
+        let truth = Truth::new(&left, &right, template.as_deref(), params.mirror, params.reach, cx)?;
+        let geodesics = params.metric.prepare(&right, "the right mesh has no geodesics", cx)?;
         let root = right.area().sqrt();
-        let mut search = geodesics.search();
+        let stop = || cx.cancelled();
+        let mut search = geodesics.search_until(&stop);
         let mut distances: BTreeMap<u32, Vec<f64>> = BTreeMap::new();
         let mut pairs = Vec::with_capacity(matched.pairs.len());
         for p in &matched.pairs {
-            cx.check()?;
             let from = distances.entry(p.right_vertex);
             let from = from.or_insert_with(|| search.distances(&[p.right_vertex]));
+            cx.check()?;
             let error = |place: Option<Place>| place.map(|at| at.value(from) / root).filter(|e| e.is_finite());
             let image = truth.image(p.left_vertex);
             let (plain, twin) = (error(image), error(truth.twin(p.left_vertex)));

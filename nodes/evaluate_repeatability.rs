@@ -136,6 +136,10 @@ impl Artefact for Repeatability {
         }
         lines
     }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::repeatability(self)
+    }
 }
 
 /// The node.
@@ -164,7 +168,7 @@ impl Node for EvaluateRepeatability {
             Shape::new(&features[1], &meshes[1], top, "right", cx)?,
         ];
         let truth = |from: usize, to: usize| {
-            Truth::new(&meshes[from], &meshes[to], template.as_deref(), params.mirror, params.reach)
+            Truth::new(&meshes[from], &meshes[to], template.as_deref(), params.mirror, params.reach, cx)
         };
         let truths = [truth(0, 1)?, truth(1, 0)?];
         let ways = [
@@ -221,6 +225,7 @@ impl<'a> Shape<'a> {
             let message = format!("{side} feature vertex {} is past the mesh's {n} vertices", f.vertex);
             return Err(NodeError::new(message).help(format!("wire `{side}_mesh` to the mesh of the {side} features")));
         }
+        cx.check()?;
         let graph = Graph::unfolded(&mesh.vertices, &mesh.faces)
             .map_err(|e| NodeError::new(format!("the {side} mesh has no geodesics: {e}")))?;
         let root = mesh.area().sqrt();
@@ -229,6 +234,7 @@ impl<'a> Shape<'a> {
             let distances = Dijkstra::new().distances(&graph, &[f.vertex]);
             Ok(distances.into_iter().map(|d| d / root).collect::<Vec<f64>>())
         })?;
+        cx.check()?;
         let mut mass = vec![0.0; n];
         for face in &mesh.faces {
             let third = mesh.face_area(face) / (3.0 * root * root);
@@ -271,6 +277,7 @@ fn direction(from: &Shape, to: &Shape, truth: &Truth, params: &Params, cx: Conte
             way.position[kind] += f64::from(u8::from(own));
             way.symmetric[kind] += f64::from(u8::from(own || twin.is_some_and(|t| hit(t, among))));
         }
+        cx.check()?;
         way.chance[0] += any;
         way.chance[1] += covered(to, &alike, params.distance);
     }

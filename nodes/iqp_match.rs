@@ -23,7 +23,7 @@
 
 use std::sync::Arc;
 
-use salient_kernels::assignment::{self, Control, Limits, Problem, Solution};
+use salient_kernels::assignment::{self, Control, Limits, Problem, Solution, SolveError};
 use salient_sdk::{Context, Inputs, Node, NodeError, Port, PortValues};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -37,6 +37,7 @@ mod twin;
 
 pub use matched::{Match, Orientation, Pair, Twin};
 use model::Model;
+pub(crate) use twin::NEAR;
 
 /// The sign in the exponent of the kernels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -175,7 +176,7 @@ pub struct IqpMatch;
 
 impl Node for IqpMatch {
     const KIND: &'static str = "iqp_match";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const DOC: &'static str = "The correspondence of two shapes' features that best agrees in descriptors, relative geodesic distances and scales \
         (eq. 19-26), by branch and bound with a proved upper bound.";
     const EXAMPLE: &'static str = r#"
@@ -219,14 +220,15 @@ impl Node for IqpMatch {
             )));
         }
         let stretch = stretch::search(&left, &right, params, cx)?;
-        let model = Model::new(&left, &right, params, stretch);
-        let solution = solve(&model.problem(|_| 0.0).map_err(|e| unbuildable(&e))?, params.limit, cx)?;
+        let model = Model::new(&left, &right, params, stretch, cx)?;
+        let problem = model.problem(cx)?;
+        let solution = solve(&problem, params.limit, cx)?;
         let pair = |c: &usize| {
             let c = model.candidates[*c];
             let (left_vertex, right_vertex) = (left.features[c.left].vertex, right.features[c.right].vertex);
             Pair { left: c.left, right: c.right, left_vertex, right_vertex, descriptor_distance: c.distance }
         };
-        let twins = twin::search(&model, &solution.candidates, solution.objective, cx)?;
+        let twins = twin::search(&model, &problem, &solution.candidates, solution.objective, cx)?;
         let mut twins = twins.iter().map(|t| Twin {
             pairs: t.chosen.iter().map(pair).collect(),
             objective: t.objective,
@@ -260,8 +262,11 @@ fn unbuildable(e: &assignment::ProblemError) -> NodeError {
     NodeError::new(format!("the matching problem cannot be built: {e}"))
 }
 
-fn unsolvable(e: assignment::SolveError) -> NodeError {
-    NodeError::new(e.to_string())
+fn unsolvable(e: SolveError) -> NodeError {
+    match e {
+        SolveError::Cancelled => NodeError::cancelled(),
+        e => NodeError::new(e.to_string()),
+    }
 }
 
 fn solve(problem: &Problem, limit: Limit, cx: Context) -> Result<Solution, NodeError> {
@@ -269,12 +274,12 @@ fn solve(problem: &Problem, limit: Limit, cx: Context) -> Result<Solution, NodeE
         Limit::Nodes(n) => (n, f64::INFINITY),
         Limit::Seconds(s) => (u64::MAX, s),
     };
-    let stop = || cx.cancelled() || (seconds.is_finite() && cx.seconds() > seconds);
+    let stop = || seconds.is_finite() && cx.seconds() > seconds;
+    let cancelled = || cx.cancelled();
     let progress = |p: &assignment::Progress| cx.progress(p.nodes as f64 / node_limit as f64);
     let limits = Limits { node_limit, ..Limits::default() };
-    let solution =
-        assignment::solve(problem, &limits, &Control { stop: &stop, progress: &progress }).map_err(unsolvable)?;
-    cx.check()?;
+    let control = Control { stop: &stop, cancelled: &cancelled, progress: &progress };
+    let solution = assignment::solve(problem, &limits, &control).map_err(unsolvable)?;
     cx.record("nodes", solution.nodes);
     Ok(solution)
 }

@@ -69,6 +69,7 @@ pub struct Operator(pub Matrices);
 impl Artefact for Operator {
     const TYPE: &'static str = "operator";
     const FORMAT: u32 = 1;
+    const PLACE: salient_sdk::Place = salient_sdk::Place::OnSurface;
     const DOC: &'static str = "The generalised eigenproblem M v = lambda S v: symmetric stiffness M in CSR (`offsets` [n+1], \
         `columns` and `stiffness` [nonzeros], both triangles, no unit) and diagonal `mass` [n] (area).";
 
@@ -124,6 +125,10 @@ impl Artefact for Operator {
     fn differences(&self, other: &Self, _: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
         crate::differences::operators(self, other)
     }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::operator(self)
+    }
 }
 
 /// The node.
@@ -142,10 +147,11 @@ impl Node for Laplacian {
     type Inputs = In;
     type Output = Operator;
 
-    fn run(params: &Params, In { mesh }: In, _: Context) -> Result<Operator, NodeError> {
+    fn run(params: &Params, In { mesh }: In, cx: Context) -> Result<Operator, NodeError> {
         let area = params.area.into();
-        let matrices = laplacian::laplacian(&mesh.vertices, &mesh.faces, area, params.intrinsic_delaunay)
-            .map_err(|e| explain(&e))?;
+        let stop = || cx.cancelled();
+        let made = laplacian::laplacian_until(&mesh.vertices, &mesh.faces, area, params.intrinsic_delaunay, &stop);
+        let matrices = made.map_err(|e| explain(&e))?;
         Ok(Operator(matrices))
     }
 }
@@ -154,6 +160,7 @@ impl Node for Laplacian {
 fn explain(e: &LaplacianError) -> NodeError {
     let error = NodeError::new(format!("the mesh has no Laplacian: {e}"));
     match e {
+        LaplacianError::Cancelled => NodeError::cancelled(),
         LaplacianError::ZeroAreaFace { .. } | LaplacianError::RepeatedVertex { .. } => error
             .help("add `drop_degenerate: true, drop_unreferenced: true` to the mesh's `load`, which removes all faces without area, and vertices that only they had"),
         LaplacianError::UnreferencedVertex { .. } => {

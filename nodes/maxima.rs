@@ -66,6 +66,7 @@ pub struct Salient {
 impl Artefact for Salient {
     const TYPE: &'static str = "maxima";
     const FORMAT: u32 = 1;
+    const PLACE: salient_sdk::Place = salient_sdk::Place::OnSurface;
     const DOC: &'static str =
         "Salient features, highest energy first: `vertex`, `k`, `lambda` (1/length²), `energy` (length), each [f].";
 
@@ -93,6 +94,10 @@ impl Artefact for Salient {
 
     fn differences(&self, other: &Self, surfaces: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
         crate::differences::maxima(self, other, surfaces)
+    }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::maxima(&self.features)
     }
 }
 

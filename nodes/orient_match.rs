@@ -18,7 +18,7 @@ use salient_sdk::{Context, Inputs, Mesh, Node, NodeError, Port, PortValues};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::iqp_match::{Match, Orientation, Pair, Twin};
+use crate::iqp_match::{Match, NEAR, Orientation, Pair, Twin};
 
 /// Params of [`OrientMatch`].
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -58,7 +58,7 @@ pub struct OrientMatch;
 
 impl Node for OrientMatch {
     const KIND: &'static str = "orient_match";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const DOC: &'static str = "Exchanges a match and its mirror twin if the twin keeps the orientation of the surface and the match reverses it. \
         Both meshes must be oriented alike: faces counterclockwise from outside.";
     const EXAMPLE: &'static str = r#"
@@ -86,7 +86,14 @@ impl Node for OrientMatch {
         for twin in matched.twin.iter().chain(&matched.others) {
             twins.push((orientation(&sides, &twin.pairs, count, cx)?, twin.clone()));
         }
-        Ok(decided(&matched, own, twins))
+        let mut found = decided(&matched, own, twins);
+        if found.orientation.is_some_and(|o| o.exchanged) {
+            // These are told apart from the match, which is another one now.
+            for twin in &mut found.others {
+                twin.moved = moved(&sides[1], &found.pairs, &twin.pairs, cx)?;
+            }
+        }
+        Ok(found)
     }
 }
 
@@ -105,6 +112,8 @@ fn decided(matched: &Match, own: f64, mut twins: Vec<(f64, Twin)>) -> Match {
         let twin = std::mem::replace(twin, Twin { pairs: matched.pairs.clone(), objective: matched.objective, moved });
         found.gap = matched.bound - twin.objective;
         (found.pairs, found.objective) = (twin.pairs, twin.objective);
+        // What was found without branching is the twin.
+        found.heuristic = found.objective;
         (found.proved, found.stopped) = (false, "exchanged".into());
     }
     let mut twins = twins.into_iter().map(|(_, twin)| twin);
@@ -117,6 +126,21 @@ fn decided(matched: &Match, own: f64, mut twins: Vec<(f64, Twin)>) -> Match {
 struct Shape<'a> {
     graph: Graph,
     mesh: &'a Mesh,
+}
+
+/// Of the features that both match, the share whose right partners lie apart.
+fn moved(right: &Shape, pairs: &[Pair], twin: &[Pair], cx: Context) -> Result<f64, NodeError> {
+    let (mut both, mut apart) = (0.0, 0.0);
+    let mut dijkstra = Dijkstra::new();
+    let near = NEAR * right.mesh.area().sqrt();
+    for own in pairs {
+        cx.check()?;
+        let Some(other) = twin.iter().find(|p| p.left == own.left) else { continue };
+        let distance = dijkstra.to(&right.graph, &[own.right_vertex], &[other.right_vertex]);
+        both += 1.0;
+        apart += f64::from(u8::from(distance[0] > near));
+    }
+    Ok(if both > 0.0 { apart / both } else { 0.0 })
 }
 
 /// Correlation of the enclosed volumes of all triples of landmarks, -1 to 1; 0 if there are not three.

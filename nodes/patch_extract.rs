@@ -42,6 +42,13 @@ impl Metric {
             Self::Exact => geodesic::Metric::Exact,
         }
     }
+
+    /// A mesh made ready for distances; `lacking` begins the error if it has none.
+    pub fn prepare(self, mesh: &Mesh, lacking: &str, cx: Context) -> Result<Geodesics, NodeError> {
+        let made = Geodesics::new_until(&mesh.vertices, &mesh.faces, self.kernel(), &|| cx.cancelled());
+        cx.check()?;
+        made.map_err(|e| NodeError::new(format!("{lacking}: {e}")))
+    }
 }
 
 /// Params of [`PatchExtract`].
@@ -137,6 +144,7 @@ struct PatchHeader {
 impl Artefact for Patches {
     const TYPE: &'static str = "patches";
     const FORMAT: u32 = 1;
+    const PLACE: salient_sdk::Place = salient_sdk::Place::OnSurface;
     const DOC: &'static str = "Features with their patches, whose `patch_vertices` [sum, 3], `patch_faces` [sum, 3] (indices within \
         the patch) and `patch_source` [sum] follow each other in order, and geodesic `distances` [f, f] between features (-1: no path).";
 
@@ -226,6 +234,10 @@ impl Artefact for Patches {
     fn differences(&self, other: &Self, surfaces: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
         crate::differences::patches(self, other, surfaces)
     }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::patches(self)
+    }
 }
 
 fn flat<T: Copy>(patches: &[Patch], of: impl Fn(&Patch) -> &Vec<T>) -> Vec<T> {
@@ -261,14 +273,16 @@ impl Node for PatchExtract {
                 mesh.vertices.len()
             )));
         }
-        let geodesics = Geodesics::new(&mesh.vertices, &mesh.faces, params.metric.kernel()).map_err(|e| bad(&e))?;
+        let geodesics = params.metric.prepare(&mesh, "the mesh has no discs", cx)?;
         let cutter = DiscCutter::new(&mesh.vertices, &mesh.faces).map_err(|e| bad(&e))?;
         let batches: Vec<&[Feature]> = maxima.features.chunks(BATCH).collect();
         let patches = cx.map(&batches, |_, batch| {
-            let (mut cutter, mut search) = (cutter.clone(), geodesics.search());
+            let stop = || cx.cancelled();
+            let (mut cutter, mut search) = (cutter.clone(), geodesics.search_until(&stop));
             let patch = |f: &Feature| {
+                let made = patch(&mut cutter, &mut search, f, params);
                 cx.check()?;
-                Ok(patch(&mut cutter, &mut search, f, params))
+                Ok(made)
             };
             batch.iter().map(patch).collect::<Result<Vec<_>, NodeError>>()
         })?;
@@ -311,8 +325,9 @@ fn distances(geodesics: &Geodesics, features: &[Feature], cx: Context) -> Result
     let vertices: Vec<u32> = features.iter().map(|f| f.vertex).collect::<BTreeSet<_>>().into_iter().collect();
     let batches: Vec<&[u32]> = vertices.chunks(BATCH).collect();
     let rows = cx.map(&batches, |_, batch| {
+        let rows = geodesics.search_until(&|| cx.cancelled()).between(batch, &vertices);
         cx.check()?;
-        Ok(geodesics.search().between(batch, &vertices))
+        Ok(rows)
     })?;
     let rows: Vec<Vec<f64>> = rows.into_iter().flatten().collect();
     let at = |f: &Feature| vertices.partition_point(|v| *v < f.vertex);

@@ -101,6 +101,7 @@ impl Features {
 impl Artefact for Features {
     const TYPE: &'static str = "features";
     const FORMAT: u32 = 1;
+    const PLACE: salient_sdk::Place = salient_sdk::Place::OnSurface;
     const DOC: &'static str = "Features with descriptors: the columns of the features, `descriptors` [f, values] (a row of zeros where \
         the header's `why` says that there is none) and geodesic `distances` [f, f] (length; -1: no path).";
 
@@ -189,6 +190,10 @@ impl Artefact for Features {
 
     fn differences(&self, other: &Self, surfaces: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
         crate::differences::features(self, other, surfaces)
+    }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::features(self)
     }
 }
 

@@ -79,6 +79,7 @@ impl Energy {
 impl Artefact for Energy {
     const TYPE: &'static str = "energy";
     const FORMAT: u32 = 1;
+    const PLACE: salient_sdk::Place = salient_sdk::Place::OnSurface;
     const DOC: &'static str = "Reconstruction energy `values` [clusters, n] (length) of every vertex at every cluster of \
         eigenvalues, with each cluster's `first` eigenpair and mean `lambda` (1/length²).";
 
@@ -116,6 +117,10 @@ impl Artefact for Energy {
     fn differences(&self, other: &Self, _: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
         crate::differences::energies(self, other)
     }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::energy(self)
+    }
 }
 
 /// The node.
@@ -138,6 +143,7 @@ impl Node for ReconstructionEnergy {
 
     fn run(params: &Params, In { mesh, basis }: In, cx: Context) -> Result<Energy, NodeError> {
         basis.must_belong_to(&mesh)?;
+        cx.check()?;
         let coefficients = coefficients(&mesh.vertices, &basis);
         let clusters = clusters(&basis.values, params.cluster);
         let n = mesh.vertices.len();

@@ -46,13 +46,14 @@ impl Node for Shuffle {
     type Inputs = In;
     type Output = Mesh;
 
-    fn run(params: &Params, In { mesh }: In, _: Context) -> Result<Mesh, NodeError> {
+    fn run(params: &Params, In { mesh }: In, cx: Context) -> Result<Mesh, NodeError> {
         let mut random = Random::from_state(params.seed);
         let kept = random.permutation(mesh.vertices.len());
         let mut position = vec![0; kept.len()];
         for (new, old) in kept.iter().enumerate() {
             position[*old as usize] = new as u32;
         }
+        cx.check()?;
         let order = random.permutation(mesh.faces.len());
         let face = |old: &u32| {
             let mut face = mesh.faces[*old as usize].map(|v| position[v as usize]);
@@ -60,6 +61,7 @@ impl Node for Shuffle {
             face
         };
         let faces = order.iter().map(face).collect();
+        cx.check()?;
         let vertices = kept.iter().map(|old| mesh.vertices[*old as usize]).collect();
         Ok(mesh.renumbered(vertices, faces, &kept))
     }

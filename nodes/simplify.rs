@@ -55,8 +55,9 @@ impl Node for Simplify {
         if mesh.vertices.len() <= params.vertices as usize {
             return Ok((*mesh).clone());
         }
-        let small = simplify::simplify(&mesh.vertices, &mesh.faces, params.vertices as usize)
+        let small = simplify::simplify_until(&mesh.vertices, &mesh.faces, params.vertices as usize, &|| cx.cancelled())
             .map_err(|e| NodeError::new(format!("the mesh cannot be decimated: {e}")))?;
+        cx.check()?;
         if !small.reached {
             cx.record("stopped_at_vertices", small.vertices.len());
         }

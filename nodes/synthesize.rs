@@ -4,7 +4,7 @@
 //! vertex carries the point of the rest pose that it shows: `reference`. At rest the creature is
 //! symmetric in x.
 
-use salient_kernels::creature::{self, CreatureParams};
+use salient_kernels::creature::{self, CreatureError, CreatureParams};
 use salient_sdk::{Context, Mesh, Node, NodeError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -75,7 +75,7 @@ impl Node for Synthesize {
     type Inputs = ();
     type Output = Mesh;
 
-    fn run(params: &Params, (): (), _: Context) -> Result<Mesh, NodeError> {
+    fn run(params: &Params, (): (), cx: Context) -> Result<Mesh, NodeError> {
         let wanted = CreatureParams {
             species: params.species.into(),
             seed: params.seed,
@@ -83,7 +83,10 @@ impl Node for Synthesize {
             vertices: params.vertices as usize,
             triangulation: params.triangulation,
         };
-        let made = creature::generate(&wanted).map_err(|e| NodeError::new(e.to_string()))?;
+        let made = creature::generate_until(&wanted, &|| cx.cancelled()).map_err(|e| match e {
+            CreatureError::Cancelled => NodeError::cancelled(),
+            e => NodeError::new(e.to_string()),
+        })?;
         Ok(Mesh { vertices: made.vertices, faces: made.faces, reference: Some(made.rest), ..Mesh::default() })
     }
 }

@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 
 use salient_kernels::nearest::NearestVertex;
-use salient_sdk::{Mesh, NodeError};
+use salient_sdk::{Context, Mesh, NodeError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -90,15 +90,19 @@ impl Truth {
         template: Option<&Mesh>,
         wanted: Mirror,
         reach: f64,
+        cx: Context,
     ) -> Result<Self, NodeError> {
         let (name, left, references) = match (template, &left.reference, &right.reference) {
             (Some(t), ..) => ("template", on_template(left, t, "left")?, on_template(right, t, "right")?),
             (None, Some(l), Some(r)) => ("reference", l.clone(), r.clone()),
             (None, ..) => return shared(left, right),
         };
-        let mirror = mirror(template.map_or(&references, |t| &t.vertices), wanted);
+        cx.check()?;
+        let mirror = mirror(template.map_or(&references, |t| &t.vertices), wanted, cx)?;
         let reach = reach * right.area().sqrt();
+        cx.check()?;
         let surface = Surface::new(references, &right.faces);
+        cx.check()?;
         Ok(Self::Reference(Box::new(References { name, left, surface, reach, mirror })))
     }
 
@@ -181,7 +185,7 @@ fn shared(left: &Mesh, right: &Mesh) -> Result<Truth, NodeError> {
 /// below this share of its bounding box's diagonal.
 const SYMMETRIC: f64 = 0.01;
 
-fn mirror(points: &[[f64; 3]], wanted: Mirror) -> Option<(usize, f64)> {
+fn mirror(points: &[[f64; 3]], wanted: Mirror, cx: Context) -> Result<Option<(usize, f64)>, NodeError> {
     let extent = |axis: usize| {
         let coordinates = points.iter().map(|p| p[axis]);
         let low = coordinates.clone().fold(f64::INFINITY, f64::min);
@@ -192,22 +196,25 @@ fn mirror(points: &[[f64; 3]], wanted: Mirror) -> Option<(usize, f64)> {
     let diagonal = extents.iter().map(|(low, high)| (high - low).powi(2)).sum::<f64>().sqrt();
     let asymmetry = |nearest: &NearestVertex, axis: usize| {
         let distance = |p: &[f64; 3]| nearest.nearest(reflected(*p, plane(axis))).map(|(_, d)| d);
-        let mut all: Vec<f64> = points.iter().filter_map(distance).collect();
+        let mut all = Vec::with_capacity(points.len());
+        for some in points.chunks(512) {
+            cx.check()?;
+            all.extend(some.iter().filter_map(distance));
+        }
         let middle = all.len() / 2;
-        if all.is_empty() { f64::INFINITY } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
+        Ok(if all.is_empty() { f64::INFINITY } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 })
     };
-    match wanted {
+    Ok(match wanted {
         Mirror::Never => None,
         Mirror::X => Some(plane(0)),
         Mirror::Y => Some(plane(1)),
         Mirror::Z => Some(plane(2)),
         Mirror::Auto => {
             let nearest = NearestVertex::new(points);
-            (0..3)
-                .map(|axis| (axis, asymmetry(&nearest, axis)))
-                .min_by(|a, b| a.1.total_cmp(&b.1))
-                .filter(|(_, a)| *a <= SYMMETRIC * diagonal)
-                .map(|(axis, _)| plane(axis))
+            let axes = (0..3).map(|axis| Ok((axis, asymmetry(&nearest, axis)?)));
+            let axes = axes.collect::<Result<Vec<(usize, f64)>, NodeError>>()?;
+            let best = axes.into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
+            best.filter(|(_, a)| *a <= SYMMETRIC * diagonal).map(|(axis, _)| plane(axis))
         }
-    }
+    })
 }

@@ -48,7 +48,7 @@ pub struct Match {
     pub proved: bool,
     /// What ended the search: `proved`, `nodes` or `seconds`; `exchanged` once `orient_match` has put the twin in its place.
     pub stopped: String,
-    /// Objective of the heuristic alone, before branching.
+    /// Objective of the heuristic alone, before branching; after an exchange, that of the twin, which was found so.
     pub heuristic: f64,
     /// Numbers of left and right features.
     pub features: [usize; 2],
@@ -104,6 +104,7 @@ impl Match {
 impl Artefact for Match {
     const TYPE: &'static str = "match";
     const FORMAT: u32 = 2;
+    const PLACE: salient_sdk::Place = salient_sdk::Place::Between(["left", "right"]);
     const DOC: &'static str = "A one-to-one correspondence of features, `pairs` [p, 2] (left and right feature) and `vertices` [p, 2], \
         with the value of the objective, a proved upper bound and their gap; its mirror twin as `twin_pairs` and `twin_vertices` [q, 2].";
 
@@ -186,6 +187,10 @@ impl Artefact for Match {
 
     fn differences(&self, other: &Self, surfaces: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
         crate::differences::matches(self, other, surfaces)
+    }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::matched(self)
     }
 }
 

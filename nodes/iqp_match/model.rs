@@ -1,6 +1,7 @@
 //! Candidates, what they score alone (C) and in pairs (H).
 
-use salient_kernels::assignment::{Problem, ProblemBuilder, ProblemError};
+use salient_kernels::assignment::{Problem, ProblemBuilder};
+use salient_sdk::{Context, NodeError};
 
 use super::{Compare, Kernel, Params, Scales, Unit};
 use crate::patch_spectrum::Features;
@@ -60,7 +61,13 @@ pub(super) struct Model<'a> {
 
 impl<'a> Model<'a> {
     /// With left lengths enlarged by `stretch`.
-    pub fn new(left: &'a Features, right: &'a Features, params: &'a Params, stretch: f64) -> Self {
+    pub fn new(
+        left: &'a Features,
+        right: &'a Features,
+        params: &'a Params,
+        stretch: f64,
+        cx: Context,
+    ) -> Result<Self, NodeError> {
         let by_scale = params.unit == Unit::Scale;
         let unit = |f: &Features| if params.unit == Unit::Area { f.area.sqrt() } else { 1.0 };
         let mut model = Self {
@@ -70,7 +77,9 @@ impl<'a> Model<'a> {
             candidates: Vec::new(),
             sigmas: Sigmas { descriptor: 1.0, geodesic: 1.0, scale: 1.0 },
         };
+        cx.check()?;
         let all = model.all();
+        cx.check()?;
         let count = params.candidates as usize;
         model.candidates = nearest(&all, count, |c| c.distance);
         let distances = model.candidates.iter().map(|c| c.distance).collect();
@@ -82,8 +91,8 @@ impl<'a> Model<'a> {
             let near: Vec<Candidate> = all.into_iter().filter(|c| c.scale.abs() <= reach).collect();
             model.candidates = nearest(&near, count, |c| model.unlikeness(c));
         }
-        model.set_relation_sigmas();
-        model
+        model.set_relation_sigmas(cx)?;
+        Ok(model)
     }
 
     /// Every pair of described features.
@@ -108,11 +117,12 @@ impl<'a> Model<'a> {
         (c.distance / self.sigmas.descriptor).powi(2) + scale * scale
     }
 
-    fn set_relation_sigmas(&mut self) {
+    fn set_relation_sigmas(&mut self, cx: Context) -> Result<(), NodeError> {
         let relative = self.params.scales == Scales::Relative;
         let (mut geodesic, mut scale) = (Vec::new(), Vec::new());
         if self.params.sigma_geodesic.is_none() || (relative && self.params.sigma_scale.is_none()) {
             for (i, a) in self.candidates.iter().enumerate() {
+                cx.check()?;
                 for b in self.candidates[i + 1..].iter().filter(|b| !a.excludes(b)) {
                     geodesic.extend(self.geodesic(a, b).filter(|g| g.is_finite()));
                     scale.push((a.scale - b.scale).abs());
@@ -123,6 +133,7 @@ impl<'a> Model<'a> {
         if relative {
             self.sigmas.scale = self.params.sigma_scale.unwrap_or_else(|| median(scale));
         }
+        Ok(())
     }
 
     /// By how much two candidates disagree in the distance between their features. Infinite where a path leads on
@@ -150,6 +161,11 @@ impl<'a> Model<'a> {
         self.params.beta * self.kernel(self.unlikeness(c))
     }
 
+    /// What a match saves: the cost of leaving its two features unmatched.
+    pub fn saves(&self) -> f64 {
+        2.0 * self.params.unmatched
+    }
+
     /// `H(a, b) + H(b, a)`: each unordered pair of candidates is given once, and x' H x counts it twice.
     pub fn together(&self, a: &Candidate, b: &Candidate) -> f64 {
         if a.excludes(b) {
@@ -163,19 +179,23 @@ impl<'a> Model<'a> {
         2.0 * (self.kernel(x) - self.params.agreement)
     }
 
-    /// The problem, with `extra(a)` added to the score of each candidate.
-    pub fn problem(&self, extra: impl Fn(usize) -> f64) -> Result<Problem, ProblemError> {
+    /// The problem as the solver takes it.
+    pub fn problem(&self, cx: Context) -> Result<Problem, NodeError> {
         let mut builder = ProblemBuilder::new(self.left.features.features.len(), self.right.features.features.len());
-        for (i, c) in self.candidates.iter().enumerate() {
-            builder.candidate(c.left, c.right, self.alone(c) + extra(i))?;
+        for c in &self.candidates {
+            builder.candidate(c.left, c.right, self.alone(c)).map_err(|e| super::unbuildable(&e))?;
         }
         for (i, a) in self.candidates.iter().enumerate() {
+            cx.check()?;
             for (j, b) in self.candidates.iter().enumerate().skip(i + 1).filter(|(_, b)| !a.excludes(b)) {
-                builder.pair(i, j, self.together(a, b))?;
+                builder.pair(i, j, self.together(a, b)).map_err(|e| super::unbuildable(&e))?;
             }
         }
-        builder.unmatched_cost(self.params.unmatched)?;
-        builder.build()
+        builder.unmatched_cost(self.params.unmatched).map_err(|e| super::unbuildable(&e))?;
+        cx.check()?;
+        let problem = builder.build().map_err(|e| super::unbuildable(&e))?;
+        cx.check()?;
+        Ok(problem)
     }
 
     /// ln(right / left) of the distances between features that chosen candidates match, both above `floor`.

@@ -24,7 +24,7 @@ pub(super) fn search(left: &Features, right: &Features, params: &Params, cx: Con
     }
     let scores = cx.map(&tried, |_, log| {
         cx.check()?;
-        score(left, right, params, *log)
+        score(left, right, params, *log, cx)
     })?;
     let mut best = 0;
     for (i, (value, _)) in scores.iter().enumerate() {
@@ -34,16 +34,18 @@ pub(super) fn search(left: &Features, right: &Features, params: &Params, cx: Con
     }
     let log = tried[best];
     let refined = (log + scores[best].1).clamp(-params.stretch.ln(), params.stretch.ln());
-    let better = score(left, right, params, refined)?.0 > scores[best].0;
+    let better = score(left, right, params, refined, cx)?.0 > scores[best].0;
     Ok(if better { refined } else { log }.exp())
 }
 
 /// The heuristics' objective under a logarithmic factor, and by how much that factor seems to be wrong.
-fn score(left: &Features, right: &Features, params: &Params, log: f64) -> Result<(f64, f64), NodeError> {
-    let model = Model::new(left, right, params, log.exp());
-    let problem = model.problem(|_| 0.0).map_err(|e| super::unbuildable(&e))?;
+fn score(left: &Features, right: &Features, params: &Params, log: f64, cx: Context) -> Result<(f64, f64), NodeError> {
+    let model = Model::new(left, right, params, log.exp(), cx)?;
+    let problem = model.problem(cx)?;
     let limits = Limits { node_limit: 0, root_rounds: 0, starts: 2, ..Limits::default() };
-    let found = assignment::solve(&problem, &limits, &Control::default()).map_err(super::unsolvable)?;
+    let stop = || cx.cancelled();
+    let control = Control { cancelled: &stop, ..Control::default() };
+    let found = assignment::solve(&problem, &limits, &control).map_err(super::unsolvable)?;
     let mut ratios = model.log_ratios(&found.candidates, SHORT);
     if ratios.is_empty() {
         return Ok((found.objective, 0.0));

@@ -9,13 +9,13 @@
 //! A shape may nearly have other symmetries: a standing figure looks alike from front and back. So further ones are sought,
 //! under a fine on all that was found before, and the orientation of the surface has more to choose from.
 
-use salient_kernels::assignment::{self, Control, Limits};
+use salient_kernels::assignment::{self, Control, Limits, Problem};
 use salient_sdk::{Context, NodeError};
 
 use super::model::Model;
 
 /// Partners nearer than this, over the square root of the right shape's area, are the same place.
-const NEAR: f64 = 0.2;
+pub(crate) const NEAR: f64 = 0.2;
 /// Rounds of search.
 const ROUNDS: usize = 2;
 /// Passes of the improvement; each changes something, and a few are enough.
@@ -34,18 +34,23 @@ pub(super) struct Found {
 }
 
 /// Twins of the match `chosen`, best first.
-pub(super) fn search(model: &Model, chosen: &[usize], objective: f64, cx: Context) -> Result<Vec<Found>, NodeError> {
+pub(super) fn search(
+    model: &Model,
+    problem: &Problem,
+    chosen: &[usize],
+    objective: f64,
+    cx: Context,
+) -> Result<Vec<Found>, NodeError> {
     let mut twins: Vec<Found> = Vec::new();
     if chosen.is_empty() || objective <= 0.0 {
         return Ok(twins);
     }
-    let plain = model.problem(|_| 0.0).map_err(|e| super::unbuildable(&e))?;
     let fine = objective / chosen.len() as f64;
     let own = near(model, chosen);
     let mut before = own.clone();
     for _ in 0..SOUGHT {
-        let twin = another(model, &before, fine, cx)?;
-        let value = plain.objective(&twin).unwrap_or(f64::NEG_INFINITY);
+        let twin = another(model, problem, &before, fine, cx)?;
+        let value = problem.objective(&twin).unwrap_or(f64::NEG_INFINITY);
         if value < WORTH * objective || moved(model, chosen, &twin, &before) <= 0.0 {
             break;
         }
@@ -60,15 +65,16 @@ pub(super) fn search(model: &Model, chosen: &[usize], objective: f64, cx: Contex
 }
 
 /// The best match under a fine on candidates in `before`, improved without it.
-fn another(model: &Model, before: &[bool], fine: f64, cx: Context) -> Result<Vec<usize>, NodeError> {
+fn another(model: &Model, problem: &Problem, before: &[bool], fine: f64, cx: Context) -> Result<Vec<usize>, NodeError> {
     let limits = Limits { node_limit: 0, root_rounds: 0, ..Limits::default() };
-    let control = Control { stop: &|| cx.cancelled(), progress: &|_| {} };
+    let stop = || cx.cancelled();
+    let control = Control { cancelled: &stop, ..Control::default() };
     let (mut fined, mut twin) = (before.to_vec(), Vec::new());
     for _ in 0..ROUNDS {
-        let problem = model.problem(|a| if fined[a] { -fine } else { 0.0 }).map_err(|e| super::unbuildable(&e))?;
-        let found = assignment::solve(&problem, &limits, &control).map_err(super::unsolvable)?;
-        cx.check()?;
-        twin = improved(model, found.candidates);
+        let scores = problem.scores().iter().zip(&fined).map(|(c, fined)| if *fined { c - fine } else { *c });
+        let harder = problem.with_scores(scores.collect()).map_err(|e| super::unbuildable(&e))?;
+        let found = assignment::solve(&harder, &limits, &control).map_err(super::unsolvable)?;
+        twin = improved(model, problem, found.candidates, cx)?;
         let stay: Vec<usize> = twin.iter().filter(|a| before[**a]).map(|a| model.candidates[*a].left).collect();
         fined = (0..before.len()).map(|a| before[a] && !stay.contains(&model.candidates[a].left)).collect();
     }
@@ -93,39 +99,43 @@ fn near(model: &Model, chosen: &[usize]) -> Vec<bool> {
 }
 
 /// Adds, drops and exchanges candidates one at a time as long as that raises the score, the best change first.
-fn improved(model: &Model, mut chosen: Vec<usize>) -> Vec<usize> {
+fn improved(model: &Model, problem: &Problem, mut chosen: Vec<usize>, cx: Context) -> Result<Vec<usize>, NodeError> {
     let all = &model.candidates;
+    // What each candidate earns with those that are chosen, and saves as the cost of two unmatched features.
+    let mut earns: Vec<f64> = problem.scores().iter().map(|c| c + model.saves()).collect();
+    let change = |earns: &mut [f64], a: usize, sign: f64| {
+        problem.pair_scores(a).for_each(|(b, h)| earns[b] += sign * h);
+    };
+    for a in &chosen {
+        change(&mut earns, *a, 1.0);
+    }
     for _ in 0..PASSES {
+        cx.check()?;
         let gain = |a: usize| {
-            let stays = |b: &&usize| **b != a && !all[**b].excludes(&all[a]);
-            let earns = |c: usize, among: &mut dyn Iterator<Item = usize>| {
-                model.alone(&all[c]) + among.map(|b| model.together(&all[c], &all[b])).sum::<f64>()
-            };
-            let own = earns(a, &mut chosen.iter().filter(stays).copied());
             if chosen.contains(&a) {
-                return -own;
+                return -earns[a];
             }
-            let mut left = chosen.clone();
-            let mut loss = 0.0;
-            for b in chosen.iter().filter(|b| all[**b].excludes(&all[a])) {
-                left.retain(|c| c != b);
-                loss += earns(*b, &mut left.iter().copied());
+            // At most two: they lose what they earn, but what they earn together only once.
+            let out: Vec<usize> = chosen.iter().copied().filter(|b| all[*b].excludes(&all[a])).collect();
+            let mut gain = earns[a] - out.iter().map(|b| earns[*b]).sum::<f64>();
+            if let [b, c] = out[..] {
+                gain += model.together(&all[b], &all[c]);
             }
-            own - loss
+            gain
         };
         let best = (0..all.len()).map(|a| (a, gain(a))).max_by(|x, y| x.1.total_cmp(&y.1).then(y.0.cmp(&x.0)));
-        match best {
-            Some((a, gain)) if gain > 1e-9 => {
-                if chosen.contains(&a) {
-                    chosen.retain(|b| *b != a);
-                } else {
-                    chosen.retain(|b| !all[*b].excludes(&all[a]));
-                    chosen.push(a);
-                }
-            }
-            _ => break,
+        let Some((a, _)) = best.filter(|(_, gain)| *gain > 1e-9) else { break };
+        let (gone, kept): (Vec<usize>, Vec<usize>) =
+            chosen.iter().partition(|b| **b == a || all[**b].excludes(&all[a]));
+        for b in &gone {
+            change(&mut earns, *b, -1.0);
+        }
+        chosen = kept;
+        if !gone.contains(&a) {
+            change(&mut earns, a, 1.0);
+            chosen.push(a);
         }
     }
     chosen.sort_unstable();
-    chosen
+    Ok(chosen)
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use crate::export::Format;
+use crate::export::{ColourMap, Format};
 
 /// Declarative graphs for spectral shape analysis, recomputing only what an edit touches.
 #[derive(Parser)]
@@ -134,6 +134,16 @@ pub struct GetArgs {
     /// The format [default: by the extension of FILE, else json]
     #[arg(long, value_enum)]
     pub format: Option<Format>,
+    /// In a drawing, which of several: eigenfunction or energy k, the patch of a feature, or a correspondence (0 the match,
+    /// 1 its mirror twin) [default: the first that is not constant; all features; the match]
+    #[arg(long, value_name = "N")]
+    pub index: Option<usize>,
+    /// In a drawing, how values become vertex colours [default: auto]
+    #[arg(long, value_enum, value_name = "MAP")]
+    pub colours: Option<ColourMap>,
+    /// Draw features and matches as points and lines alone, without the surfaces that they lie on
+    #[arg(long)]
+    pub bare: bool,
     #[command(flatten)]
     pub cache: CacheChoice,
     #[command(flatten)]

@@ -12,6 +12,7 @@ mod compare;
 mod compare_text;
 mod fail;
 mod failures;
+mod get;
 mod nodes;
 mod plan;
 mod progress;
@@ -53,7 +54,7 @@ fn dispatch(command: Command, registry: &Registry) -> Result<(), Fail> {
     match command {
         Command::Run(args) => run::run(&args, registry),
         Command::Watch(args) => watch::watch(&args, registry),
-        Command::Get(args) => run::get(&args, registry),
+        Command::Get(args) => get::get(&args, registry),
         Command::Check(args) => plan::check(&args, registry),
         Command::Plan(args) => plan::plan(&args, registry),
         Command::Compare(args) => compare::compare(&args, registry),

@@ -128,15 +128,14 @@ impl Found<'_> {
             PathBuf::from(path)
         });
         for (path, format) in files.iter().zip(formats) {
-            write(path, self.artefact.as_ref(), format)?;
+            write(path, &export(self.artefact.as_ref(), format).map_err(|e| Fail::Lacking(e.0))?)?;
         }
         Ok(files)
     }
 }
 
-/// Writes an artefact to a file: whole, or not at all.
-pub fn write(path: &Path, artefact: &dyn AnyArtefact, format: Format) -> Result<(), Fail> {
-    let bytes = export(artefact, format).map_err(|e| Fail::Lacking(e.0))?;
+/// Writes a file: whole, or not at all.
+pub fn write(path: &Path, bytes: &[u8]) -> Result<(), Fail> {
     let parent = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
@@ -144,7 +143,7 @@ pub fn write(path: &Path, artefact: &dyn AnyArtefact, format: Format) -> Result<
     let failed = |error| Fail::Write { path: path.display().to_string(), error };
     std::fs::create_dir_all(parent).map_err(failed)?;
     if path.is_file() || !path.exists() {
-        write_atomic(path, parent, &bytes).map_err(failed)
+        write_atomic(path, parent, bytes).map_err(failed)
     } else {
         // A device or a pipe cannot be replaced.
         std::fs::write(path, bytes).map_err(failed)

@@ -1,20 +1,18 @@
-//! `salient run` and `salient get`.
+//! `salient run`, and how any command runs a plan.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use clap::ValueEnum;
 use petgraph::graph::NodeIndex;
 use salient_sdk::Registry;
 
-use super::args::{CacheChoice, Effort, GetArgs, RunArgs};
+use super::args::{CacheChoice, Effort, RunArgs};
 use super::fail::Fail;
 use super::failures;
-use super::plan::{find, load};
+use super::plan::load;
 use super::progress::{Progress, json_line, totals};
-use super::results::{result, stages, write};
+use super::results::{result, stages};
 use super::text::{complain, print};
-use crate::engine::{Cache, Cancel, Event, Options, Outcome, State, run as run_plan};
-use crate::export::{Format, export};
+use crate::engine::{Cache, Cancel, Event, Options, Outcome, run as run_plan};
 use crate::graph::Plan;
 
 impl CacheChoice {
@@ -123,34 +121,4 @@ fn tell(args: &RunArgs, plan: &Plan, outcome: &Outcome, cache: &Cache) -> Result
         }
     }
     Ok(())
-}
-
-/// `salient get`.
-pub fn get(args: &GetArgs, registry: &Registry) -> Result<(), Fail> {
-    let file = args.output.as_deref().filter(|path| *path != Path::new("-"));
-    let format = args.format.map_or_else(|| format_of(file), Ok)?;
-    let plan = load(&args.graph, registry)?;
-    let call = find(&plan, &args.node)?;
-    let cache = args.cache.open()?;
-    let outcome = compute(&plan, &[call], &cache, &args.effort, false, &listen()?)?;
-    if let Some(State::Failed(_) | State::Skipped(_) | State::Cancelled) = outcome.states.get(&call) {
-        return verdict(&outcome);
-    }
-    let artefact = outcome
-        .artefact(&plan, call, &cache)?
-        .ok_or_else(|| Fail::Lacking(format!("the output of {} vanished from the cache; run again", args.node)))?;
-    if let Some(path) = file {
-        return write(path, artefact.as_ref(), format);
-    }
-    print(&export(artefact.as_ref(), format).map_err(|e| Fail::Lacking(e.0))?)
-}
-
-fn format_of(file: Option<&Path>) -> Result<Format, Fail> {
-    let Some(file) = file else { return Ok(Format::Json) };
-    let extension = file.extension().unwrap_or_default().to_string_lossy();
-    Format::of_extension(&extension).ok_or_else(|| {
-        let known: Vec<_> = Format::value_variants().iter().map(|format| format.extension()).collect();
-        let message = format!("the name {} does not say a format: `{extension}` is none", file.display());
-        Fail::Usage { message, help: Some(format!("name one with --format: {}", known.join(", "))) }
-    })
 }

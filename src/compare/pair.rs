@@ -118,14 +118,9 @@ pub fn compare(left: &Side, right: &Side, depth: Depth, library: &Library) -> Re
 
 /// Calls of one address: the address, and both calls, each pair once.
 fn paired<'a>(left: &Side<'a>, right: &Side<'a>) -> Vec<(&'a str, usize, usize)> {
-    let mut by_call: BTreeMap<usize, Vec<&'a str>> = BTreeMap::new();
-    for (address, call) in &left.addresses {
-        by_call.entry(*call).or_default().push(address);
-    }
     let (mut pairs, mut seen) = (Vec::new(), BTreeSet::new());
-    for (call, first) in &left.calls {
-        let rest = by_call.get(call).into_iter().flatten().copied();
-        for address in std::iter::once(*first).chain(rest) {
+    for (call, _) in &left.calls {
+        for address in left.addresses_of(*call) {
             if let Some(other) = right.addresses.get(address)
                 && seen.insert((*call, *other))
             {
@@ -220,11 +215,7 @@ fn rewired(sides: [&Side; 2], calls: [usize; 2]) -> Vec<Cause> {
 
 /// Whether two calls have an address in common.
 fn counterparts(sides: [&Side; 2], one: usize, other: usize) -> bool {
-    if sides[1].addresses.get(sides[0].name_of(one)) == Some(&other) {
-        return true;
-    }
-    let mut shared = sides[0].addresses.iter().filter(|(_, call)| **call == one);
-    shared.any(|(address, _)| sides[1].addresses.get(address) == Some(&other))
+    sides[0].addresses_of(one).any(|address| sides[1].addresses.get(address) == Some(&other))
 }
 
 /// How two outputs differ, or why that cannot be told.

@@ -19,6 +19,8 @@ pub struct Side<'a> {
     pub calls: Vec<(usize, &'a str)>,
     /// Its results.
     pub shown: Vec<(&'a str, usize)>,
+    /// What its addresses begin with in the run.
+    prefix: String,
     /// Length of the longest path that leads to each call.
     depths: HashMap<usize, usize>,
 }
@@ -50,7 +52,12 @@ impl<'a> Side<'a> {
             depths.insert(i, before.map_or(0, |depth: &usize| depth + 1));
         }
         let shown = body.shown.iter().filter_map(|(a, call)| Some((a.strip_prefix(prefix)?, *call))).collect();
-        Self { name, body, addresses, calls, shown, depths }
+        Self { name, body, addresses, calls, shown, prefix: prefix.to_owned(), depths }
+    }
+
+    /// The addresses of a call, its first one first.
+    pub fn addresses_of(&self, call: usize) -> impl Iterator<Item = &'a str> {
+        self.call(call).addresses.iter().filter_map(|address| address.strip_prefix(self.prefix.as_str()))
     }
 
     /// A call.

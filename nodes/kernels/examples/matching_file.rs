@@ -62,8 +62,11 @@ fn run(file: &str, args: &[String]) -> Result<(), Box<dyn Error>> {
     let seconds: f64 = option(args, "--seconds")?.unwrap_or(f64::INFINITY);
     let start = Instant::now();
     let timeline = Timeline::new(|| start.elapsed().as_secs_f64());
-    let control =
-        Control { stop: &|| start.elapsed().as_secs_f64() > seconds, progress: &|progress| timeline.note(progress) };
+    let control = Control {
+        stop: &|| start.elapsed().as_secs_f64() > seconds,
+        progress: &|p| timeline.note(p),
+        ..Control::default()
+    };
     let solution = solve(&problem, &limits, &control)?;
     let total = start.elapsed().as_secs_f64();
     let times = [timeline.first(), Some(timeline.best()), timeline.proof(), Some(total)];

@@ -15,6 +15,7 @@ pub(crate) use triangle::Triangle;
 pub use triangle::is_zero_area;
 
 use crate::sparse::SymmetricCsr;
+use crate::stop::{NEVER, Pace, Stop};
 
 /// How a triangle's area is shared among its corners; both ways sum to the surface's area.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -54,6 +55,17 @@ pub fn laplacian(
     area: Area,
     intrinsic_delaunay: bool,
 ) -> Result<Operator, LaplacianError> {
+    laplacian_until(vertices, faces, area, intrinsic_delaunay, NEVER)
+}
+
+/// The same, until `stop`.
+pub fn laplacian_until(
+    vertices: &[[f64; 3]],
+    faces: &[[u32; 3]],
+    area: Area,
+    intrinsic_delaunay: bool,
+    stop: Stop,
+) -> Result<Operator, LaplacianError> {
     check_indices(vertices.len(), faces)?;
     if let Some(vertex) = vertices.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
         return Err(LaplacianError::NonFinite { vertex });
@@ -64,14 +76,14 @@ pub fn laplacian(
         }
     }
     let corners = |face: [u32; 3]| face.map(|v| vertices[v as usize]);
-    let triangles = measure(faces, |face| Triangle::from_points(corners(faces[face])))?;
+    let triangles = measure(faces, |face| Triangle::from_points(corners(faces[face])), stop)?;
     if intrinsic_delaunay {
         // Checked before the flips: they keep every vertex that has a face, and an orphan would otherwise be blamed on them.
         check_referenced(vertices.len(), faces)?;
         let lengths: Vec<[f64; 3]> = triangles.iter().map(|t| t.squared.map(f64::sqrt)).collect();
-        return delaunay_operator(vertices.len(), faces, &lengths, area);
+        return delaunay_operator(vertices.len(), faces, &lengths, area, stop);
     }
-    assemble(vertices.len(), faces, &triangles, area)
+    assemble(vertices.len(), faces, &triangles, area, stop)
 }
 
 /// The Laplacian of an intrinsic triangulation: no positions, only edge lengths.
@@ -89,12 +101,12 @@ pub fn laplacian_from_lengths(
         return Err(LaplacianError::LengthCount { faces: faces.len(), lengths: lengths.len() });
     }
     check_indices(vertex_count, faces)?;
-    let triangles = measure(faces, |face| Triangle::from_lengths(lengths[face]))?;
+    let triangles = measure(faces, |face| Triangle::from_lengths(lengths[face]), NEVER)?;
     if intrinsic_delaunay {
         check_referenced(vertex_count, faces)?;
-        return delaunay_operator(vertex_count, faces, lengths, area);
+        return delaunay_operator(vertex_count, faces, lengths, area, NEVER);
     }
-    assemble(vertex_count, faces, &triangles, area)
+    assemble(vertex_count, faces, &triangles, area, NEVER)
 }
 
 fn delaunay_operator(
@@ -102,14 +114,26 @@ fn delaunay_operator(
     faces: &[[u32; 3]],
     lengths: &[[f64; 3]],
     area: Area,
+    stop: Stop,
 ) -> Result<Operator, LaplacianError> {
-    let (faces, lengths) = intrinsic_delaunay::flip_to_delaunay(faces, lengths)?;
-    let triangles = measure(&faces, |face| Triangle::from_lengths(lengths[face]))?;
-    assemble(n, &faces, &triangles, area)
+    let (faces, lengths) = intrinsic_delaunay::flip_to_delaunay(faces, lengths, stop)?;
+    let triangles = measure(&faces, |face| Triangle::from_lengths(lengths[face]), stop)?;
+    assemble(n, &faces, &triangles, area, stop)
 }
 
-fn measure(faces: &[[u32; 3]], triangle: impl Fn(usize) -> Option<Triangle>) -> Result<Vec<Triangle>, LaplacianError> {
-    (0..faces.len()).map(|face| triangle(face).ok_or(LaplacianError::ZeroAreaFace { face })).collect()
+fn measure(
+    faces: &[[u32; 3]],
+    triangle: impl Fn(usize) -> Option<Triangle>,
+    stop: Stop,
+) -> Result<Vec<Triangle>, LaplacianError> {
+    let pace = Pace::new(stop, 8192);
+    let one = |face| {
+        if pace.ends() {
+            return Err(LaplacianError::Cancelled);
+        }
+        triangle(face).ok_or(LaplacianError::ZeroAreaFace { face })
+    };
+    (0..faces.len()).map(one).collect()
 }
 
 fn check_indices(n: usize, faces: &[[u32; 3]]) -> Result<(), LaplacianError> {
@@ -137,11 +161,21 @@ fn check_referenced(n: usize, faces: &[[u32; 3]]) -> Result<(), LaplacianError> 
     }
 }
 
-fn assemble(n: usize, faces: &[[u32; 3]], triangles: &[Triangle], area: Area) -> Result<Operator, LaplacianError> {
+fn assemble(
+    n: usize,
+    faces: &[[u32; 3]],
+    triangles: &[Triangle],
+    area: Area,
+    stop: Stop,
+) -> Result<Operator, LaplacianError> {
     check_referenced(n, faces)?;
+    let pace = Pace::new(stop, 8192);
     let mut edges = Vec::with_capacity(3 * faces.len());
     let mut mass = vec![0.0; n];
     for (corners, triangle) in faces.iter().zip(triangles) {
+        if pace.ends() {
+            return Err(LaplacianError::Cancelled);
+        }
         let shares = match area {
             Area::Mixed => triangle.mixed_areas(),
             Area::Barycentric => [triangle.area / 3.0; 3],
@@ -153,6 +187,9 @@ fn assemble(n: usize, faces: &[[u32; 3]], triangles: &[Triangle], area: Area) ->
     }
     if let Some(vertex) = mass.iter().position(|s| !(s.is_finite() && *s > 0.0)) {
         return Err(LaplacianError::NotPositive { vertex }); // areas that under- or overflow
+    }
+    if stop() {
+        return Err(LaplacianError::Cancelled);
     }
     Ok(Operator { stiffness: SymmetricCsr::graph_laplacian(n, &edges), mass })
 }

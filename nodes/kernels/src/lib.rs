@@ -12,6 +12,7 @@ pub mod patch_spectrum;
 pub mod random;
 pub mod simplify;
 pub mod sparse;
+pub mod stop;
 mod surgery;
 pub mod topology;
 mod vec3;

@@ -4,6 +4,7 @@
 //! length. Equal costs are resolved by vertex number.
 
 use crate::adjacency::{self, MeshError};
+use crate::stop::{NEVER, Pace, Stop};
 use crate::surgery::Surgery;
 use crate::topology::bounding_box;
 use crate::vec3::{add, cross, distance2, dot, lerp, norm, normal, scale, sub};
@@ -103,6 +104,16 @@ struct Decimation {
 /// Boundaries stay in place as far as possible and each component keeps its topology. Vertices that no face names are dropped.
 /// Refuses indices out of range and coordinates that are not finite.
 pub fn simplify(vertices: &[[f64; 3]], faces: &[[u32; 3]], target: usize) -> Result<Simplified, MeshError> {
+    simplify_until(vertices, faces, target, NEVER)
+}
+
+/// The same, until `stop`: the result then is decimated so far and not `reached`.
+pub fn simplify_until(
+    vertices: &[[f64; 3]],
+    faces: &[[u32; 3]],
+    target: usize,
+    stop: Stop,
+) -> Result<Simplified, MeshError> {
     adjacency::check_mesh(vertices, faces)?;
     let target = target.max(4);
     let (low, high) = bounding_box(vertices).unwrap_or_default();
@@ -110,13 +121,14 @@ pub fn simplify(vertices: &[[f64; 3]], faces: &[[u32; 3]], target: usize) -> Res
     let extent = norm(sub(high, low));
     let unit = if extent > 0.0 && extent.is_finite() { extent } else { 1.0 };
     let scaled: Vec<[f64; 3]> = vertices.iter().map(|&p| scale(sub(p, center), 1.0 / unit)).collect();
-    let mut work = Decimation::new(scaled.clone(), faces);
+    let pace = Pace::new(stop, 1024);
+    let mut work = Decimation::new(scaled.clone(), faces, &pace);
     let mut count = work.mesh.star.iter().filter(|s| !s.is_empty()).count();
     // An offer refused once may become possible when its surroundings change: go round until nothing does.
     while count > target {
         let before = count;
-        work.fill();
-        count = work.run(count, target);
+        work.fill(&pace);
+        count = work.run(count, target, &pace);
         if count == before {
             break;
         }
@@ -134,11 +146,14 @@ pub fn simplify(vertices: &[[f64; 3]], faces: &[[u32; 3]], target: usize) -> Res
 }
 
 impl Decimation {
-    fn new(points: Vec<[f64; 3]>, faces: &[[u32; 3]]) -> Self {
+    fn new(points: Vec<[f64; 3]>, faces: &[[u32; 3]], pace: &Pace) -> Self {
         let n = points.len();
         let mesh = Surgery::new(n, faces);
         let mut quadrics = vec![Quadric::default(); n];
         for (corners, _) in faces.iter().zip(&mesh.alive).filter(|(_, alive)| **alive) {
+            if pace.ends() {
+                break;
+            }
             let [a, b, c] = corners.map(|v| points[v as usize]);
             let doubled = normal(a, b, c);
             let size = norm(doubled);
@@ -178,9 +193,12 @@ impl Decimation {
         }
     }
 
-    fn fill(&mut self) {
+    fn fill(&mut self, pace: &Pace) {
         self.heap.clear();
         for [a, b] in self.mesh.edges() {
+            if pace.ends() {
+                break;
+            }
             self.offer(a, b);
         }
     }
@@ -200,8 +218,8 @@ impl Decimation {
     }
 
     /// Collapses until the target or the end of the offers; the vertices left.
-    fn run(&mut self, mut count: usize, target: usize) -> usize {
-        while count > target {
+    fn run(&mut self, mut count: usize, target: usize, pace: &Pace) -> usize {
+        while count > target && !pace.ends() {
             let Some(Reverse((_, a, b, at_a, at_b))) = self.heap.pop() else {
                 break;
             };

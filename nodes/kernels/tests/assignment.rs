@@ -385,7 +385,8 @@ fn a_stop_ends_the_search_with_a_valid_bound() {
             calls.get() > case % 10
         };
         let progress = |_: &salient_kernels::assignment::Progress| reports.set(reports.get() + 1);
-        let s = solve(&p, &weak(u64::MAX), &Control { stop: &stop, progress: &progress }).unwrap();
+        let s =
+            solve(&p, &weak(u64::MAX), &Control { stop: &stop, progress: &progress, ..Control::default() }).unwrap();
         check_valid(&p, &s);
         assert!(s.upper_bound >= plain.brute().unwrap() - 1e-12);
         assert!(reports.get() >= s.nodes);

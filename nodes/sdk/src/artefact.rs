@@ -8,6 +8,7 @@ use serde_json::Value;
 use crate::codec::{Decoder, Encoder, FormatError};
 use crate::difference::{Difference, Surfaces, of_summaries};
 use crate::mesh::{Defect, Mesh};
+use crate::view::View;
 
 /// A node's typed output: plain arrays and a small header.
 ///
@@ -20,6 +21,8 @@ pub trait Artefact: Send + Sync + Sized + 'static {
     const FORMAT: u32;
     /// What it is, in one or two sentences, with units.
     const DOC: &'static str;
+    /// Where it is in space. Known before anything is computed, so that a drawing can be refused in time.
+    const PLACE: Place = Place::Nowhere;
 
     /// Writes header and arrays.
     fn encode(&self, out: &mut Encoder);
@@ -48,11 +51,29 @@ pub trait Artefact: Send + Sync + Sized + 'static {
         None
     }
 
+    /// What can be seen of it, for reports: on the nearest surface upward, or between two.
+    fn view(&self) -> View<'_> {
+        View::default()
+    }
+
     /// How `other`, an artefact of the same type, differs from this one, in the terms of the field and the most telling
     /// first; empty if in nothing that matters. By default, the lines of the summary that differ.
     fn differences(&self, other: &Self, _surfaces: &Surfaces) -> Vec<Difference> {
         of_summaries(&self.summary(), &other.summary())
     }
+}
+
+/// Where an artefact is in space.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// It has none, and cannot be drawn.
+    Nowhere,
+    /// It carries its own surface: [`Artefact::surface`] gives one.
+    Itself,
+    /// Its [`View`] has functions or points on the nearest mesh upward of its node.
+    OnSurface,
+    /// Its [`View`] has links between the nearest meshes upward of these two ports.
+    Between([&'static str; 2]),
 }
 
 /// A table for export.
@@ -88,6 +109,8 @@ pub trait AnyArtefact: Send + Sync {
     fn surface(&self) -> Option<&Mesh>;
     /// See [`Artefact::table`].
     fn table(&self) -> Option<Table>;
+    /// See [`Artefact::view`].
+    fn view(&self) -> View<'_>;
     /// See [`Artefact::differences`]; `None` if the other is of another type.
     fn differences(&self, other: &dyn AnyArtefact, surfaces: &Surfaces) -> Option<Vec<Difference>>;
     /// For downcasting to the concrete type.
@@ -120,6 +143,9 @@ impl<T: Artefact> AnyArtefact for T {
     fn table(&self) -> Option<Table> {
         Artefact::table(self)
     }
+    fn view(&self) -> View<'_> {
+        Artefact::view(self)
+    }
     fn differences(&self, other: &dyn AnyArtefact, surfaces: &Surfaces) -> Option<Vec<Difference>> {
         Some(Artefact::differences(self, other.as_any().downcast_ref()?, surfaces))
     }
@@ -143,6 +169,8 @@ pub struct ArtefactType {
     pub format: u32,
     /// See [`Artefact::DOC`].
     pub doc: &'static str,
+    /// See [`Artefact::PLACE`].
+    pub place: Place,
     /// Reads an artefact of this type; the error says what is wrong with the bytes.
     pub decode: Decode,
 }
@@ -151,7 +179,7 @@ impl ArtefactType {
     /// The descriptor of `T`.
     #[must_use]
     pub const fn of<T: Artefact>() -> Self {
-        Self { name: T::TYPE, format: T::FORMAT, doc: T::DOC, decode: decode::<T> }
+        Self { name: T::TYPE, format: T::FORMAT, doc: T::DOC, place: T::PLACE, decode: decode::<T> }
     }
 }
 

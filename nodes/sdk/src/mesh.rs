@@ -5,7 +5,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::artefact::{Artefact, Table};
+use crate::artefact::{Artefact, Place, Table};
 use crate::codec::{Decoder, Encoder, FormatError};
 use crate::difference::{Difference, Surfaces, short};
 
@@ -75,6 +75,7 @@ fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
 impl Artefact for Mesh {
     const TYPE: &'static str = "mesh";
     const FORMAT: u32 = 1;
+    const PLACE: Place = Place::Itself;
     const DOC: &'static str = "A triangle mesh: vertices [n, 3] in the units of its file, faces [m, 3], \
         and where known the reference position [n, 3] and source index [n] of each vertex.";
 

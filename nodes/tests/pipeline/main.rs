@@ -3,6 +3,7 @@
 // A test may fail where it stands.
 #![allow(clippy::unwrap_used)]
 
+mod cancel;
 mod evaluate;
 mod features;
 mod invariance;

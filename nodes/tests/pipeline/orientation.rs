@@ -72,4 +72,21 @@ fn an_exchange_keeps_the_bound_and_claims_no_proof() {
     assert!(o.exchanged && !chosen.proved && chosen.objective <= chosen.bound);
     assert_eq!(chosen.twin.clone().unwrap().pairs, found.pairs);
     assert!((chosen.gap - (chosen.bound - chosen.objective)).abs() < 1e-12);
+    let twin = found.twin.as_ref().unwrap();
+    assert_eq!((chosen.objective, chosen.heuristic), (twin.objective, twin.objective));
+    assert_eq!(chosen.twin.as_ref().unwrap().objective, found.objective);
+    // What lay apart from the mirrored match need not lie apart from the right one, and the other way round.
+    for other in &chosen.others {
+        let own = |left: usize| chosen.pairs.iter().find(|p| p.left == left);
+        let both: Vec<_> = other.pairs.iter().filter_map(|p| Some((p, own(p.left)?))).collect();
+        let straight = |p: u32, q: u32| {
+            let (x, y) = (b.vertices[p as usize], b.vertices[q as usize]);
+            (0..3).map(|i| (x[i] - y[i]).powi(2)).sum::<f64>().sqrt() / b.area().sqrt()
+        };
+        // What lies apart in space does so on the surface.
+        let apart = both.iter().filter(|(p, own)| straight(p.right_vertex, own.right_vertex) > 0.2).count();
+        let same = both.iter().filter(|(p, own)| p.right_vertex == own.right_vertex).count();
+        let n = both.len() as f64;
+        assert!(other.moved * n >= apart as f64 - 1e-9 && other.moved * n <= n - same as f64 + 1e-9);
+    }
 }

@@ -16,6 +16,7 @@
 use super::lap::{FORBIDDEN, Lap};
 use super::relax::Relax;
 use super::sub::Sub;
+use crate::stop::{Pace, Stop};
 
 /// What the ascent came to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,7 +37,10 @@ pub(super) struct Ascent<'a> {
     pub iterations: usize,
     /// Stop when this many more rounds at the present rate would not reach the threshold.
     pub patience: i64,
-    pub stop: &'a dyn Fn() -> bool,
+    /// Ends the ascent; the bound stays valid.
+    pub stop: Stop<'a>,
+    /// Ends it at once; what it comes to is of no use.
+    pub cancelled: Stop<'a>,
 }
 
 /// Buffers shared by all subproblems of a search.
@@ -54,7 +58,7 @@ pub(super) struct Scratch {
 impl Sub {
     /// Lowers the bound round by round. Every state in between is valid, so that it may be stopped at any time.
     pub fn ascend(&mut self, s: &mut Scratch, how: &Ascent) -> Outcome {
-        if self.measure(s, how.threshold) {
+        if self.measure(s, how) {
             return Outcome::Pruned;
         }
         let (mut relax, mut edges) = (None, self.live());
@@ -67,11 +71,14 @@ impl Sub {
             if self.dwindled(edges) {
                 *self = self.compact();
                 (relax, edges) = (None, self.live());
+                if (how.stop)() {
+                    break;
+                }
             }
-            let relax = relax.get_or_insert_with(|| Relax::new(self));
-            relax.run(how.iterations);
+            let relax = relax.get_or_insert_with(|| Relax::new(self, how.stop));
+            relax.run(how.iterations, how.stop);
             relax.store(self);
-            if self.measure(s, how.threshold) {
+            if self.measure(s, how) {
                 return Outcome::Pruned;
             }
             best = best.min(self.bound);
@@ -94,19 +101,24 @@ impl Sub {
     }
 
     /// The bound of the present shares; excludes what it can. True when pruned.
-    fn measure(&mut self, s: &mut Scratch, threshold: i64) -> bool {
-        self.stars(s);
-        if self.lead(s, threshold) {
+    fn measure(&mut self, s: &mut Scratch, how: &Ascent) -> bool {
+        let threshold = how.threshold;
+        self.stars(s, how.cancelled);
+        if (how.cancelled)() || self.lead(s, threshold) {
             return true;
         }
-        self.exclude(s, threshold);
+        self.exclude(s, how);
         false
     }
 
-    fn stars(&mut self, s: &mut Scratch) {
+    fn stars(&mut self, s: &mut Scratch, cancelled: Stop) {
+        let pace = Pace::new(cancelled, 64);
         s.spare.clear();
         s.spare.resize(self.w.len(), 0);
         for a in 0..self.vars.len() {
+            if pace.ends() {
+                return;
+            }
             if !self.alive(a) {
                 continue;
             }
@@ -163,9 +175,13 @@ impl Sub {
     }
 
     /// Excludes pairs.
-    fn exclude(&mut self, s: &Scratch, threshold: i64) {
-        let gap = self.bound - threshold;
+    fn exclude(&mut self, s: &Scratch, how: &Ascent) {
+        let gap = self.bound - how.threshold;
+        let pace = Pace::new(how.stop, 64);
         for a in 0..self.vars.len() {
+            if pace.ends() {
+                return;
+            }
             for e in self.entries(a) {
                 let b = self.col[e] as usize;
                 if b < a || self.w[e] == FORBIDDEN {

@@ -6,6 +6,7 @@ use super::model::Model;
 use super::problem::{Problem, ProblemBuilder};
 use super::solve::{Control, Limits, solve};
 use super::tabu::Search;
+use crate::stop::NEVER;
 
 /// An assignment that a heuristic proposes.
 #[derive(Clone, Debug, PartialEq)]
@@ -130,10 +131,10 @@ impl<'a> Heuristics<'a> {
     pub fn tabu(&self, from: Option<&Proposal>, runs: usize, idle: usize, seed: u64) -> Option<Proposal> {
         let mut search = Search::new(&self.model, seed, 1);
         if let Some(from) = from {
-            search.polish(&self.variables(from)?, idle);
+            search.polish(&self.variables(from)?, idle, NEVER);
         }
         for run in usize::from(from.is_some())..runs {
-            search.run(run, idle, &|| false);
+            search.run(run, idle, NEVER);
         }
         self.best_of(&search)
     }

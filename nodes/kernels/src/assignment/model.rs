@@ -1,9 +1,11 @@
 //! The problem in integers: scaled by a power of two, rounded up, costs of unmatched features folded into the candidates.
 
 use super::canonical::Canonical;
+use crate::stop::{Pace, Stop};
 
 /// Candidates are *variables* here, in canonical order. If one side must be matched, it is the left one.
 /// With null variables, each left's last one stands for "unmatched", on a right feature of its own.
+#[derive(Clone)]
 pub(super) struct Model {
     pub n_left: usize,
     pub n_right: usize,
@@ -62,23 +64,20 @@ impl Model {
         model
     }
 
-    /// What the bound works on: the same problem, stated so that the relaxation is tighter.
-    pub fn bounding(p: &Canonical) -> Self {
-        let plain = Self::plain(p);
-        let size = plain.left.len();
-        if plain.mandatory {
-            let fits = size.saturating_mul(size) <= MOST_ENTRIES;
-            return if fits { plain.densified() } else { plain };
-        }
-        if plain.val.iter().all(|&h| h >= 0) {
-            return plain;
-        }
-        let lifted = plain.lifted();
-        if lifted.col.len() <= MOST_ENTRIES { lifted } else { plain }
+    /// What the bound works on: the same problem, stated so that the relaxation is tighter. Of no use if `cancelled`.
+    pub fn bounding(&self, cancelled: Stop) -> Self {
+        let size = self.left.len();
+        let better = if self.mandatory {
+            (size.saturating_mul(size) <= MOST_ENTRIES).then(|| self.densified())
+        } else {
+            let lifts = self.val.iter().any(|&h| h < 0);
+            lifts.then(|| self.lifted(&Pace::new(cancelled, 16))).flatten()
+        };
+        better.unwrap_or_else(|| self.clone())
     }
 
     /// With an entry, perhaps 0, for every two compatible variables.
-    fn densified(self) -> Self {
+    fn densified(&self) -> Self {
         let (mut row, mut col, mut val) = (vec![0], Vec::new(), Vec::new());
         for a in 0..self.left.len() {
             let mut at = self.row[a];
@@ -93,7 +92,7 @@ impl Model {
             }
             row.push(col.len());
         }
-        Self { row, col, val, dense: true, ..self }
+        Self { row, col, val, dense: true, ..self.clone() }
     }
 
     /// Without negative pair terms. A relaxation with `y_ab >= 0` alone would ignore them. Let `z_k` be 1 if left `k` is unmatched. Then
@@ -104,71 +103,71 @@ impl Model {
     ///
     /// so that `s` can be added to every pair term of `a` with the candidates of `k`, and to that of `a` and `z_k`, if it is subtracted
     /// from `c_a`. With `s` = the most negative `h_ab`, from both ends, no term is negative any more.
-    fn lifted(&self) -> Self {
+    ///
+    /// `None` if that has too many entries, or the caller says to stop.
+    fn lifted(&self, pace: &Pace) -> Option<Self> {
         let (n, n_left) = (self.left.len(), self.n_left);
-        let mut order: Vec<usize> = (0..n + n_left).collect();
-        let left = |v: usize| if v < n { self.left[v] as usize } else { v - n };
-        order.sort_by_key(|&v| (left(v), v));
-        let mut place = vec![0_u32; n + n_left];
-        order.iter().enumerate().for_each(|(at, &v)| place[v] = at as u32);
         let mut first = vec![0; n_left + 1];
         self.left.iter().for_each(|&k| first[k as usize + 1] += 1);
         (0..n_left).for_each(|k| first[k + 1] += first[k]);
-        let mut linear: Vec<i64> = order.iter().map(|&v| if v < n { self.linear[v] } else { 0 }).collect();
-        // (row, column, addend), both directions.
-        let mut terms: Vec<(u32, u32, i64)> = Vec::new();
-        let mut lift = vec![0_i64; n_left];
-        for a in 0..n {
+        // Each left's candidates, then what stands for "unmatched".
+        let place = |a: usize| a + self.left[a] as usize;
+        let null = |k: usize| first[k + 1] + k;
+        let (of_candidate, of_left) = self.lifts();
+        let (mut row, mut col, mut val) = (vec![0], Vec::new(), Vec::new());
+        let (mut linear, mut source) = (Vec::new(), Vec::new());
+        let mut line = Line { sum: vec![0; n + n_left], met: vec![false; n + n_left], at: Vec::new() };
+        for k in 0..n_left {
+            for a in first[k]..first[k + 1] {
+                if pace.ends() || col.len() > MOST_ENTRIES {
+                    return None;
+                }
+                let fits = |b: &usize| self.right[*b] != self.right[a];
+                (self.row[a]..self.row[a + 1]).for_each(|e| line.add(place(self.col[e] as usize), self.val[e]));
+                for &(other, s) in &of_candidate[a] {
+                    (first[other]..first[other + 1]).filter(fits).for_each(|b| line.add(place(b), s));
+                    line.add(null(other), s);
+                }
+                of_left[k].iter().filter(|(b, _)| fits(b)).for_each(|&(b, s)| line.add(place(b), s));
+                line.end(&mut row, &mut col, &mut val);
+                linear.push(self.linear[a] - of_candidate[a].iter().map(|l| l.1).sum::<i64>());
+                source.push(Some(a));
+            }
+            of_left[k].iter().for_each(|&(b, s)| line.add(place(b), s));
+            line.end(&mut row, &mut col, &mut val);
+            linear.push(0);
+            source.push(None);
+        }
+        let (mut left, mut right) = (Vec::new(), Vec::new());
+        for k in 0..n_left {
+            let own = &self.right[first[k]..first[k + 1]];
+            right.extend(own.iter().copied().chain([(self.n_right + k) as u32]));
+            left.resize(right.len(), k as u32);
+        }
+        let n_right = self.n_right + n_left;
+        let lifted = Self { n_right, left, right, source, linear, row, col, val, mandatory: true, ..self.clone() };
+        (lifted.col.len() <= MOST_ENTRIES).then_some(lifted)
+    }
+
+    /// For each candidate the lefts whose pair terms with it are lifted, and by how much; and the same by left.
+    fn lifts(&self) -> (Vec<Lifts>, Vec<Lifts>) {
+        let (mut of_candidate, mut of_left) = (Vec::new(), vec![Lifts::new(); self.n_left]);
+        let mut lift = vec![0_i64; self.n_left];
+        for a in 0..self.left.len() {
             let entries = self.row[a]..self.row[a + 1];
-            terms.extend(entries.clone().map(|e| (place[a], place[self.col[e] as usize], self.val[e])));
-            entries.clone().for_each(|e| {
-                let k = self.left[self.col[e] as usize] as usize;
-                lift[k] = lift[k].max(-self.val[e]);
-            });
-            for k in entries.map(|e| self.left[self.col[e] as usize] as usize) {
+            let lefts = || entries.clone().map(|e| (self.left[self.col[e] as usize] as usize, self.val[e]));
+            lefts().for_each(|(k, h)| lift[k] = lift[k].max(-h));
+            let mut own = Lifts::new();
+            for (k, _) in lefts() {
                 let s = std::mem::take(&mut lift[k]);
-                if s == 0 {
-                    continue;
-                }
-                linear[place[a] as usize] -= s;
-                let compatible = (first[k]..first[k + 1]).filter(|&b| self.right[b] != self.right[a]);
-                for b in compatible.chain([n + k]) {
-                    terms.extend([(place[a], place[b], s), (place[b], place[a], s)]);
+                if s > 0 {
+                    own.push((k, s));
+                    of_left[k].push((a, s));
                 }
             }
+            of_candidate.push(own);
         }
-        terms.sort_unstable();
-        let (mut row, mut col, mut val): (Vec<usize>, Vec<u32>, Vec<i64>) = (vec![0; order.len() + 1], vec![], vec![]);
-        let mut last = None;
-        for (a, b, h) in terms {
-            if last == Some((a, b)) {
-                *val.last_mut().expect("a term came before") += h;
-                continue;
-            }
-            last = Some((a, b));
-            row[a as usize + 1] += 1;
-            col.push(b);
-            val.push(h);
-        }
-        (0..order.len()).for_each(|a| row[a + 1] += row[a]);
-        let right = |v: usize| if v < n { self.right[v] } else { (self.n_right + v - n) as u32 };
-        Self {
-            n_right: self.n_right + n_left,
-            left: order.iter().map(|&v| left(v) as u32).collect(),
-            right: order.iter().map(|&v| right(v)).collect(),
-            source: order.iter().map(|&v| (v < n).then_some(v)).collect(),
-            linear,
-            row,
-            col,
-            val,
-            mandatory: true,
-            constant: self.constant,
-            dense: false,
-            step: self.step,
-            limit: self.limit,
-            exponent: self.exponent,
-            n_left,
-        }
+        (of_candidate, of_left)
     }
 
     /// The pair term of two variables.
@@ -197,6 +196,36 @@ impl Model {
             return 0.0;
         }
         unscale(n * (n - 1.0) / 2.0 + n + (p.n[0] + p.n[1]) as f64, self.exponent)
+    }
+}
+
+/// A left (or a candidate), and what is added to its pair terms.
+type Lifts = Vec<(usize, i64)>;
+
+/// A row of a matrix while it is summed up.
+struct Line {
+    sum: Vec<i64>,
+    met: Vec<bool>,
+    at: Vec<u32>,
+}
+
+impl Line {
+    fn add(&mut self, at: usize, h: i64) {
+        self.sum[at] += h;
+        if !std::mem::replace(&mut self.met[at], true) {
+            self.at.push(at as u32);
+        }
+    }
+
+    /// Writes the row, columns ascending, and begins another.
+    fn end(&mut self, row: &mut Vec<usize>, col: &mut Vec<u32>, val: &mut Vec<i64>) {
+        self.at.sort_unstable();
+        for b in self.at.drain(..) {
+            self.met[b as usize] = false;
+            col.push(b);
+            val.push(std::mem::take(&mut self.sum[b as usize]));
+        }
+        row.push(col.len());
     }
 }
 

@@ -200,16 +200,12 @@ impl ProblemBuilder {
         if let Some(twice) = pairs.windows(2).find(|w| (w[0].0, w[0].1) == (w[1].0, w[1].1)) {
             return Err(ProblemError::DuplicatePair { a: twice[0].0, b: twice[0].1 });
         }
-        let limit = u32::MAX as usize / 2;
-        let total: f64 =
-            self.linear.iter().chain(&self.left_cost).chain(&self.right_cost).map(|v| v.abs()).sum::<f64>()
-                + pairs.iter().map(|p| p.2.abs()).sum::<f64>();
         let counts = [self.n_left, self.n_right, self.candidates.len(), pairs.len()];
-        if !(4.0 * total).is_finite() || counts.iter().any(|&n| n > limit) {
+        if counts.iter().any(|&n| n > u32::MAX as usize / 2) {
             return Err(ProblemError::TooLarge);
         }
         let (row, col, val) = symmetric_csr(self.candidates.len(), &pairs);
-        Ok(Problem {
+        let problem = Problem {
             n_left: self.n_left,
             n_right: self.n_right,
             candidates: self.candidates,
@@ -220,7 +216,8 @@ impl ProblemBuilder {
             left_cost: self.left_cost,
             right_cost: self.right_cost,
             must_match_all: self.must_match_all,
-        })
+        };
+        problem.can_be_summed().then_some(problem).ok_or(ProblemError::TooLarge)
     }
 }
 
@@ -313,6 +310,36 @@ impl Problem {
     #[must_use]
     pub fn candidates(&self) -> &[(usize, usize)] {
         &self.candidates
+    }
+
+    /// The score of each candidate alone.
+    #[must_use]
+    pub fn scores(&self) -> &[f64] {
+        &self.linear
+    }
+
+    /// The same problem with other scores of the candidates alone.
+    pub fn with_scores(&self, scores: Vec<f64>) -> Result<Self, ProblemError> {
+        if scores.len() != self.linear.len() {
+            let (found, expected) = (scores.len(), self.linear.len());
+            return Err(ProblemError::WrongLength { what: "scores", found, expected });
+        }
+        scores.iter().try_for_each(|&score| check_finite("a candidate's score", score))?;
+        let problem = Self { linear: scores, ..self.clone() };
+        problem.can_be_summed().then_some(problem).ok_or(ProblemError::TooLarge)
+    }
+
+    /// The candidates that candidate `a` has a pair score with, ascending, and that score.
+    pub fn pair_scores(&self, a: usize) -> impl Iterator<Item = (usize, f64)> {
+        let range = self.row[a]..self.row[a + 1];
+        self.col[range.clone()].iter().map(|&b| b as usize).zip(self.val[range].iter().copied())
+    }
+
+    /// No sum of terms leaves the range of doubles. `val` has each pair twice.
+    fn can_be_summed(&self) -> bool {
+        let single = self.linear.iter().chain(&self.left_cost).chain(&self.right_cost);
+        let total = single.map(|v| v.abs()).sum::<f64>() + self.val.iter().map(|h| 0.5 * h.abs()).sum::<f64>();
+        (4.0 * total).is_finite()
     }
 
     /// Candidate indices by (left, right).

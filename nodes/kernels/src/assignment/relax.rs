@@ -15,6 +15,7 @@
 
 use super::lap::FORBIDDEN;
 use super::sub::Sub;
+use crate::stop::{Pace, Stop};
 
 /// What a subproblem keeps of the iterates, so that its children start where it ended. Slots are stored with every entry that is in them.
 #[derive(Clone, Default)]
@@ -60,7 +61,9 @@ pub(super) struct Relax {
 const NONE: u32 = u32::MAX;
 
 impl Relax {
-    pub fn new(sub: &Sub) -> Self {
+    /// Ready to run. If stopped meanwhile it lacks constraints, which makes it a worse relaxation, not a wrong one.
+    pub fn new(sub: &Sub, stop: Stop) -> Self {
+        let pace = Pace::new(stop, 64);
         let n = sub.vars.len();
         let features = sub.n_left() + sub.n_right;
         let live = |e: usize| sub.w[e] != FORBIDDEN;
@@ -68,7 +71,7 @@ impl Relax {
         let (mut owner, mut value, mut count, mut free) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let mut at = vec![(NONE, 0_u32); features];
         let mut size = vec![0_u32; features];
-        for a in 0..n {
+        for a in (0..n).take_while(|_| !pace.ends()) {
             let feature =
                 |e: usize| [sub.left[sub.col[e] as usize], sub.right[sub.col[e] as usize] + sub.n_left() as u32];
             for e in sub.entries(a).filter(|&e| live(e)) {
@@ -204,9 +207,12 @@ impl Relax {
         (primal + 4.0 * moved, dual)
     }
 
-    /// Goes on for some iterations.
-    pub fn run(&mut self, iterations: usize) {
+    /// Goes on for some iterations, or until `stop`.
+    pub fn run(&mut self, iterations: usize, stop: Stop) {
         for _ in 0..iterations {
+            if stop() {
+                break;
+            }
             let (primal, dual) = self.step();
             let residual = (primal * self.weight + dual / self.weight).sqrt();
             if self.since == 0 {

@@ -8,6 +8,7 @@ use super::model::Model;
 use super::problem::Problem;
 use super::tabu::Search;
 use super::tree::Tree;
+use crate::stop::{NEVER, Stop};
 
 /// How much work [`solve`] may do. Equal limits give bit-identical results.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -67,13 +68,16 @@ pub struct Progress {
 pub struct Control<'a> {
     /// Asked often (per sweep, and every few moves); on `true` the search ends with the best found and its valid bound.
     pub stop: &'a dyn Fn() -> bool,
+    /// Asked more often, and before there is anything to return, too; once true (and from then on), the search ends with
+    /// [`SolveError::Cancelled`].
+    pub cancelled: Stop<'a>,
     /// Called after each run of the heuristics and after each node.
     pub progress: &'a dyn Fn(&Progress),
 }
 
 impl Default for Control<'_> {
     fn default() -> Self {
-        Self { stop: &|| false, progress: &|_| {} }
+        Self { stop: NEVER, cancelled: NEVER, progress: &|_| {} }
     }
 }
 
@@ -94,11 +98,16 @@ pub enum StopReason {
 pub enum SolveError {
     /// Every feature of the smaller side must be matched, and no one-to-one choice of candidates does that. This is proved.
     Infeasible,
+    /// [`Control::cancelled`] said so.
+    Cancelled,
 }
 
 impl fmt::Display for SolveError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("no one-to-one choice of candidates matches every feature that must be matched")
+        f.write_str(match self {
+            Self::Infeasible => "no one-to-one choice of candidates matches every feature that must be matched",
+            Self::Cancelled => "cancelled",
+        })
     }
 }
 
@@ -162,11 +171,15 @@ impl Solution {
 /// Maximises the problem's objective. The order in which candidates and pairs were added makes no difference, nor does a swap of left and right,
 /// as both are brought into one form first; among equal objectives the first found is kept.
 pub fn solve(problem: &Problem, limits: &Limits, control: &Control) -> Result<Solution, SolveError> {
+    let go_on = || if (control.cancelled)() { Err(SolveError::Cancelled) } else { Ok(()) };
     let canonical = Canonical::new(problem);
+    go_on()?;
     let primal = Model::plain(&canonical);
+    go_on()?;
     let objective = |set: &[u32]| objective(problem, &canonical, set);
     let known = Cell::new((i64::MIN, 0.0));
-    let dual = Model::bounding(&canonical);
+    let dual = primal.bounding(control.cancelled);
+    go_on()?;
     let report = |nodes: u64, best: (i64, &[u32]), upper: Option<i64>| {
         if known.get().0 != best.0 {
             known.set((best.0, objective(best.1)));
@@ -177,12 +190,16 @@ pub fn solve(problem: &Problem, limits: &Limits, control: &Control) -> Result<So
     };
     let mut heuristic = Search::new(&primal, limits.seed, limits.solutions);
     // With no run wanted, the greedy assignment is still there.
-    heuristic.run(0, if limits.starts == 0 { 0 } else { limits.idle_moves }, control.stop);
+    let halts = || (control.stop)() || (control.cancelled)();
+    heuristic.run(0, if limits.starts == 0 { 0 } else { limits.idle_moves }, &halts);
+    go_on()?;
     report(0, heuristic.pool().best().ok_or(SolveError::Infeasible)?, None);
-    let mut tree = Tree::new(&dual, heuristic, limits, control, &report);
+    let mut tree = Tree::new(&dual, heuristic, limits, (&halts, control.cancelled), &report);
     let root_bound = tree.root();
+    go_on()?;
     let before = tree.heuristic.pool().best().map_or(0.0, |b| objective(b.1));
     let stop = tree.search();
+    go_on()?;
     tree.tell();
     let (best, set) = tree.heuristic.pool().best().ok_or(SolveError::Infeasible)?;
     let ranked = |set: &[u32]| {

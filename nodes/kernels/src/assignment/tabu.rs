@@ -4,6 +4,7 @@ use super::lap::Lap;
 use super::model::Model;
 use super::pool::Pool;
 use crate::random::Random;
+use crate::stop::Stop;
 
 const NONE: u32 = u32::MAX;
 
@@ -21,6 +22,35 @@ pub(super) struct Search<'a> {
     clock: u64,
     random: Random,
     pool: Pool,
+    quick: Option<Quick>,
+}
+
+/// Tables that answer at once what a search asks again and again.
+struct Quick {
+    /// The pair term of every two variables.
+    pairs: Vec<i64>,
+    /// The variable of every left and right, `NONE` where there is none.
+    variable: Vec<u32>,
+}
+
+/// Above this many entries there are no tables: 8 MB would not stay in the processor's cache.
+const MOST: usize = 1 << 20;
+
+impl Quick {
+    fn new(m: &Model) -> Option<Self> {
+        let n = m.left.len();
+        if n * n > MOST || m.n_left * m.n_right > MOST {
+            return None;
+        }
+        let (mut pairs, mut variable) = (vec![0; n * n], vec![NONE; m.n_left * m.n_right]);
+        for a in 0..n {
+            variable[m.left[a] as usize * m.n_right + m.right[a] as usize] = a as u32;
+            for e in m.row[a]..m.row[a + 1] {
+                pairs[a * n + m.col[e] as usize] = m.val[e];
+            }
+        }
+        Some(Self { pairs, variable })
+    }
 }
 
 /// The change that a move makes: variable in, up to two out, and the pair of freed features matched to each other where possible.
@@ -49,6 +79,7 @@ impl<'a> Search<'a> {
             clock: 0,
             random: Random::from_state(seed),
             pool: Pool::new(keep),
+            quick: Quick::new(m),
         }
     }
 
@@ -63,7 +94,7 @@ impl<'a> Search<'a> {
 
     /// Run number `round`: from the greedy assignment if it is 0, else from the best one, disturbed. Ends after `idle` moves without improvement.
     /// False if there is nothing to search.
-    pub fn run(&mut self, round: usize, idle: usize, stop: &dyn Fn() -> bool) -> bool {
+    pub fn run(&mut self, round: usize, idle: usize, stop: Stop) -> bool {
         if self.m.left.is_empty() && (self.m.n_left == 0 || !self.m.mandatory) {
             self.load(&[]);
             return false;
@@ -89,11 +120,11 @@ impl<'a> Search<'a> {
     }
 
     /// Improves a given assignment by a short search.
-    pub fn polish(&mut self, set: &[u32], iterations: usize) {
+    pub fn polish(&mut self, set: &[u32], iterations: usize, stop: Stop) {
         self.load(set);
         self.tabu.fill(0);
         for _ in 0..iterations {
-            if !self.step() {
+            if self.clock.is_multiple_of(64) && stop() || !self.step() {
                 break;
             }
         }
@@ -213,10 +244,10 @@ impl<'a> Search<'a> {
         }
         let mut rejoin = NONE;
         if eject[0] != NONE && eject[1] != NONE {
-            delta += m.pair(eject[0] as usize, eject[1] as usize);
+            delta += self.pair(eject[0] as usize, eject[1] as usize);
             // a = (i, j) ejects (i, j') and (i', j): i' and j' are free now.
             if let Some(other) = self.find(m.left[eject[1] as usize], m.right[eject[0] as usize]) {
-                let more = self.gain[other] + m.pair(a, other);
+                let more = self.gain[other] + self.pair(a, other);
                 if more > 0 || m.mandatory {
                     delta += more;
                     rejoin = other as u32;
@@ -229,8 +260,17 @@ impl<'a> Search<'a> {
         Some(Move { delta, insert: a as u32, eject, rejoin })
     }
 
+    /// The pair term of two variables.
+    fn pair(&self, a: usize, b: usize) -> i64 {
+        self.quick.as_ref().map_or_else(|| self.m.pair(a, b), |quick| quick.pairs[a * self.m.left.len() + b])
+    }
+
     fn find(&self, left: u32, right: u32) -> Option<usize> {
         let m = self.m;
+        if let Some(quick) = &self.quick {
+            let found = quick.variable[left as usize * m.n_right + right as usize];
+            return (found != NONE).then_some(found as usize);
+        }
         let (from, to) = (self.start[left as usize], self.start[left as usize + 1]);
         m.right[from..to].binary_search(&right).ok().map(|at| from + at)
     }

@@ -5,9 +5,10 @@ use std::collections::BTreeMap;
 
 use super::bound::{Ascent, Outcome, Scratch};
 use super::model::Model;
-use super::solve::{Control, Limits, StopReason};
+use super::solve::{Limits, StopReason};
 use super::sub::{Branch, Sub};
 use super::tabu::Search;
+use crate::stop::Stop;
 
 /// Best bound first, then deeper first, then first made.
 type Key = (Reverse<i64>, Reverse<usize>, u64);
@@ -25,7 +26,9 @@ pub(super) struct Tree<'a> {
     dual: &'a Model,
     pub heuristic: Search<'a>,
     limits: &'a Limits,
-    control: &'a Control<'a>,
+    /// Ends the search with what it has; throws it away.
+    stop: Stop<'a>,
+    cancelled: Stop<'a>,
     report: &'a Report<'a>,
     scratch: Scratch,
     /// Expanded subproblems with their number of open children.
@@ -50,14 +53,15 @@ impl<'a> Tree<'a> {
         dual: &'a Model,
         heuristic: Search<'a>,
         limits: &'a Limits,
-        control: &'a Control<'a>,
+        (stop, cancelled): (Stop<'a>, Stop<'a>),
         report: &'a Report<'a>,
     ) -> Self {
         Self {
             dual,
             heuristic,
             limits,
-            control,
+            stop,
+            cancelled,
             report,
             scratch: Scratch::default(),
             parents: Vec::new(),
@@ -99,7 +103,7 @@ impl<'a> Tree<'a> {
         let (mut done, mut step) = (0, 1);
         while let Some(before) = bound
             && done < rounds
-            && !(self.control.stop)()
+            && !(self.stop)()
         {
             // Shorter at first: an early assignment improves what follows.
             step = (2 * step).min(rounds - done);
@@ -127,11 +131,11 @@ impl<'a> Tree<'a> {
     fn starts(&mut self, rest: bool) {
         let wide = |tree: &Self| tree.upper().saturating_sub(tree.best()) > tree.best().saturating_abs() / 50;
         while self.runs < self.limits.starts && (rest || wide(self) || self.nodes >= 4 * self.runs as u64) {
-            if self.upper() <= self.threshold() || (self.control.stop)() {
+            if self.upper() <= self.threshold() || (self.stop)() {
                 return;
             }
             let before = self.best();
-            self.heuristic.run(self.runs, self.limits.idle_moves, self.control.stop);
+            self.heuristic.run(self.runs, self.limits.idle_moves, self.stop);
             self.runs += 1;
             if self.best() > before {
                 self.nodes_to_best = self.nodes;
@@ -149,7 +153,7 @@ impl<'a> Tree<'a> {
                 self.open.clear();
                 return StopReason::Proved;
             }
-            if (self.control.stop)() {
+            if (self.stop)() {
                 return StopReason::Stopped;
             }
             let ends = self.nodes >= self.limits.node_limit;
@@ -201,7 +205,8 @@ impl<'a> Tree<'a> {
             rounds,
             iterations: self.limits.iterations,
             patience,
-            stop: self.control.stop,
+            stop: self.stop,
+            cancelled: self.cancelled,
         };
         let Outcome::Bound(bound) = sub.ascend(&mut self.scratch, &how) else {
             return None;
@@ -212,7 +217,7 @@ impl<'a> Tree<'a> {
         let eager = self.nodes < EAGER || self.nodes.is_multiple_of(8);
         let before = self.best();
         let moves = if self.nodes <= 1 { 4 * self.dual.n_left } else { self.dual.n_left };
-        self.heuristic.polish(&set, if eager { moves } else { 0 });
+        self.heuristic.polish(&set, if eager { moves } else { 0 }, self.stop);
         if self.best() > before {
             self.nodes_to_best = self.nodes;
         }

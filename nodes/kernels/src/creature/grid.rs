@@ -1,6 +1,7 @@
 //! Marching tetrahedra on a turned grid: a closed manifold, whatever the field.
 
 use crate::creature::skin::rotate;
+use crate::stop::{Pace, Stop};
 use crate::vec3::{add, dot, lerp, normal, scale, sub};
 
 const NONE: u32 = u32::MAX;
@@ -23,17 +24,22 @@ struct Output {
 
 /// Meshes the zero level of `level` within the box `low`..`high`, outside which it must be positive, as it must be
 /// in balls (centre, radius) that are `clear`. The grid has the given
-/// cell, and is turned by a unit quaternion and moved by a fraction of a cell.
+/// cell, and is turned by a unit quaternion and moved by a fraction of a cell. Incomplete if stopped.
 pub(super) fn march(
     level: impl Fn([f64; 3]) -> f64,
     clear: impl Fn([f64; 3], f64) -> bool,
     (low, high): ([f64; 3], [f64; 3]),
     cell: f64,
     (turn, offset): ([f64; 4], [f64; 3]),
+    stop: Stop,
 ) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
-    let grid = Grid::new(level, clear, (low, high), cell, (turn, offset));
+    let pace = Pace::new(stop, 1);
+    let grid = Grid::new(level, |p, r| pace.ends() || clear(p, r), (low, high), cell, (turn, offset));
     let mut out = Output { vertices: Vec::new(), faces: Vec::new(), on_edge: vec![NONE; grid.level.len() * 7] };
     for k in 0..grid.size[2] - 1 {
+        if pace.ends() {
+            break;
+        }
         for j in 0..grid.size[1] - 1 {
             for i in 0..grid.size[0] - 1 {
                 grid.cube([i, j, k], &mut out);

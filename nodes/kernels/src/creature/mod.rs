@@ -17,6 +17,7 @@ pub use surface::RestSurface;
 use crate::adjacency::MeshError;
 use crate::nearest::NearestVertex;
 use crate::random::Random;
+use crate::stop::{NEVER, Stop};
 use crate::topology;
 use remesh::Remesher;
 use std::fmt;
@@ -67,6 +68,8 @@ pub enum CreatureError {
     NotASphere,
     /// The mesh arrays are inconsistent; a defect of this module.
     Mesh(MeshError),
+    /// The caller said to stop.
+    Cancelled,
 }
 
 impl fmt::Display for CreatureError {
@@ -79,6 +82,7 @@ impl fmt::Display for CreatureError {
                 write!(f, "the creature's mesh is not a closed surface of genus 0; ask for more vertices")
             }
             Self::Mesh(error) => write!(f, "the creature's mesh is inconsistent: {error}"),
+            Self::Cancelled => write!(f, "cancelled"),
         }
     }
 }
@@ -87,6 +91,11 @@ impl std::error::Error for CreatureError {}
 
 /// Makes a creature. The same parameters give the same bits.
 pub fn generate(params: &CreatureParams) -> Result<Creature, CreatureError> {
+    generate_until(params, NEVER)
+}
+
+/// The same, until `stop`.
+pub fn generate_until(params: &CreatureParams, stop: Stop) -> Result<Creature, CreatureError> {
     if !VERTICES.contains(&params.vertices) {
         return Err(CreatureError::VertexCount(params.vertices));
     }
@@ -99,8 +108,11 @@ pub fn generate(params: &CreatureParams) -> Result<Creature, CreatureError> {
     let spacing = 2.0 / (params.vertices as f64).sqrt();
     let cell = spacing.min(1.1 * surface.thinnest());
     let (vertices, faces) =
-        grid::march(|p| surface.level(p), |p, r| surface.clear(p, r), surface.bounds(), cell, frame);
-    let mesh = Remesher::new(&surface, &motions, &vertices, &faces).run(params.vertices);
+        grid::march(|p| surface.level(p), |p, r| surface.clear(p, r), surface.bounds(), cell, frame, stop);
+    let mesh = Remesher::new(&surface, &motions, &vertices, &faces, stop).run(params.vertices);
+    if stop() {
+        return Err(CreatureError::Cancelled);
+    }
     let census = topology::census(&mesh.posed, &mesh.faces).map_err(CreatureError::Mesh)?;
     if !census.is_closed_manifold() || census.euler != [2] {
         return Err(CreatureError::NotASphere);

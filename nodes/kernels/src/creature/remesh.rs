@@ -5,6 +5,7 @@
 
 use super::skin::Motion;
 use super::surface::RestSurface;
+use crate::stop::{Pace, Stop};
 use crate::surgery::Surgery;
 use crate::vec3::{add, distance2, dot, lerp, norm, normal, scale, sub};
 
@@ -23,6 +24,8 @@ pub(super) struct Remesher<'a> {
     thickness: Vec<f64>,
     /// Edges are shortened in proportion where limbs are thinner than this.
     thick: f64,
+    /// Once it ends, every loop does, and what comes out is of no use.
+    pace: Pace<'a>,
 }
 
 /// A point of the surface.
@@ -46,10 +49,14 @@ impl<'a> Remesher<'a> {
         motions: &'a [Motion],
         vertices: &[[f64; 3]],
         faces: &[[u32; 3]],
+        stop: Stop<'a>,
     ) -> Self {
-        let rest: Vec<[f64; 3]> = vertices.iter().map(|&p| surface.project(p)).collect();
-        let (posed, thickness) = rest.iter().map(|&p| surface.posed(motions, p)).unzip();
-        Self { surface, motions, mesh: Surgery::new(vertices.len(), faces), rest, posed, thickness, thick: 0.0 }
+        let pace = Pace::new(stop, 512);
+        let near = |&p: &[f64; 3]| if pace.ends() { p } else { surface.project(p) };
+        let rest: Vec<[f64; 3]> = vertices.iter().map(near).collect();
+        let moved = |&p: &[f64; 3]| if pace.ends() { (p, 1.0) } else { surface.posed(motions, p) };
+        let (posed, thickness) = rest.iter().map(moved).unzip();
+        Self { surface, motions, mesh: Surgery::new(vertices.len(), faces), rest, posed, thickness, thick: 0.0, pace }
     }
 
     /// Remeshes to `count` vertices of about equal spacing.
@@ -105,7 +112,14 @@ impl<'a> Remesher<'a> {
 
     /// The edges whose squared magnified length is in `range`, ascending.
     fn by_length(&self, range: std::ops::Range<f64>) -> Vec<(f64, [u32; 2])> {
-        let measured = self.mesh.edges().into_iter().map(|[a, b]| (self.length2(a, b), [a, b]));
+        if self.pace.ends() {
+            return Vec::new();
+        }
+        let all = self.mesh.edges();
+        if self.pace.ends() {
+            return Vec::new();
+        }
+        let measured = all.into_iter().map(|[a, b]| (self.length2(a, b), [a, b]));
         let mut edges: Vec<(f64, [u32; 2])> = measured.filter(|(length2, _)| range.contains(length2)).collect();
         edges.sort_unstable_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
         edges
@@ -133,6 +147,9 @@ impl<'a> Remesher<'a> {
         let room = most.saturating_sub(self.count());
         let long = self.by_length(limit * limit..f64::INFINITY);
         for (_, [a, b]) in long.into_iter().rev().take(room) {
+            if self.pace.ends() {
+                break;
+            }
             let place = self.middle(a, b);
             self.mesh.split(a, b);
             self.rest.push(place.rest);
@@ -146,7 +163,7 @@ impl<'a> Remesher<'a> {
     fn collapse_short(&mut self, limit: f64, longest: f64, least: usize) {
         let mut count = self.count();
         for (_, [a, b]) in self.by_length(0.0..limit * limit) {
-            if count <= least {
+            if count <= least || self.pace.ends() {
                 break;
             }
             // Both may have moved or gone since the edges were listed; `can_collapse` sees to edges that are gone.
@@ -175,6 +192,9 @@ impl<'a> Remesher<'a> {
         for _ in 0..4 {
             let mut flipped = false;
             for [a, b] in self.mesh.edges() {
+                if self.pace.ends() {
+                    return;
+                }
                 if self.wants_flip(a, b) {
                     flipped |= self.mesh.flip(a, b);
                 }
@@ -207,6 +227,9 @@ impl<'a> Remesher<'a> {
     /// Moves each vertex to the area-weighted centroid of its faces, on the surface.
     fn relax(&mut self) {
         for v in 0..self.mesh.star.len() as u32 {
+            if self.pace.ends() {
+                break;
+            }
             let (mut sum, mut weight) = ([0.0; 3], 0.0);
             for &f in &self.mesh.star[v as usize] {
                 let face = self.mesh.faces[f as usize];

@@ -13,6 +13,7 @@ use super::graph::Graph;
 use crate::adjacency::{self, MeshError};
 use crate::laplacian::{LaplacianError, Triangle, flip_to_delaunay};
 use crate::sparse::SymmetricCsr;
+use crate::stop::{NEVER, Stop};
 use crate::vec3::distance;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
@@ -43,6 +44,8 @@ pub enum HeatError {
     },
     /// A matrix could not be factorised: areas or cotangents out of all proportion.
     Factorisation,
+    /// The caller said to stop.
+    Cancelled,
 }
 
 impl fmt::Display for HeatError {
@@ -51,6 +54,7 @@ impl fmt::Display for HeatError {
             Self::Mesh(error) => error.fmt(f),
             Self::ZeroAreaFace { face } => write!(f, "face {face} has no area, so that heat has no direction on it"),
             Self::Factorisation => write!(f, "the heat method's matrices could not be factorised"),
+            Self::Cancelled => write!(f, "cancelled"),
         }
     }
 }
@@ -92,15 +96,16 @@ impl fmt::Debug for HeatMethod {
 /// Corners and edge lengths of triangles, in units of the mean length, and that unit.
 type Triangulation = (Vec<[u32; 3]>, Vec<[f64; 3]>, f64);
 
-fn triangulate(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Result<Triangulation, HeatError> {
+fn triangulate(vertices: &[[f64; 3]], faces: &[[u32; 3]], stop: Stop) -> Result<Triangulation, HeatError> {
     adjacency::check_mesh(vertices, faces).map_err(HeatError::Mesh)?;
     let between = |a: u32, b: u32| distance(vertices[a as usize], vertices[b as usize]);
     let lengths: Vec<[f64; 3]> = faces.iter().map(|&[a, b, c]| [between(b, c), between(c, a), between(a, b)]).collect();
     if let Some(face) = lengths.iter().position(|&l| Triangle::from_lengths(l).is_none()) {
         return Err(HeatError::ZeroAreaFace { face });
     }
-    let (faces, lengths) = match flip_to_delaunay(faces, &lengths) {
+    let (faces, lengths) = match flip_to_delaunay(faces, &lengths, stop) {
         Ok(delaunay) => delaunay,
+        Err(LaplacianError::Cancelled) => return Err(HeatError::Cancelled),
         Err(
             LaplacianError::NonManifoldEdge { .. }
             | LaplacianError::NotOrientable { .. }
@@ -116,10 +121,18 @@ fn triangulate(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Result<Triangulatio
 impl HeatMethod {
     /// Factorises a mesh. Vertices without a face are at an infinite distance from all others.
     pub fn new(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Result<Self, HeatError> {
+        Self::new_until(vertices, faces, NEVER)
+    }
+
+    /// The same, until `stop`, which is asked between factorisations.
+    pub fn new_until(vertices: &[[f64; 3]], faces: &[[u32; 3]], stop: Stop) -> Result<Self, HeatError> {
+        let go_on = || if stop() { Err(HeatError::Cancelled) } else { Ok(()) };
         let n = vertices.len();
         let graph = Graph::edges(vertices, faces).map_err(HeatError::Mesh)?;
         let boundary = boundary(n, faces)?;
-        let (faces, lengths, unit) = triangulate(vertices, faces)?;
+        go_on()?;
+        let (faces, lengths, unit) = triangulate(vertices, faces, stop)?;
+        go_on()?;
         let mut edges = Vec::with_capacity(3 * faces.len());
         let mut mass = vec![0.0; n];
         let mut flat = Vec::with_capacity(faces.len());
@@ -136,15 +149,20 @@ impl HeatMethod {
         let (components, component) = stiffness.components();
         let mut held = vec![u32::MAX; components];
         (0..n as u32).rev().for_each(|v| held[component[v as usize] as usize] = v);
+        go_on()?;
         let time = TIME.max((1.1 * extent(&graph, &held) / (unit * FOLDINGS)).powi(2));
+        go_on()?;
         let pattern = Pattern::new(&stiffness)?;
+        go_on()?;
         let flow = values(&stiffness, |v| mass[v] + f64::from(u8::from(mass[v] == 0.0)), time);
         let free = pattern.factor(&flow)?;
+        go_on()?;
         let cold = if boundary.contains(&true) {
             Some(pattern.factor(&fixed(&stiffness, flow, |v| boundary[v]))?)
         } else {
             None
         };
+        go_on()?;
         let plain = values(&stiffness, |_| 0.0, 1.0);
         let poisson = pattern.factor(&fixed(&stiffness, plain, |v| held[component[v] as usize] as usize == v))?;
         Ok(Self {
@@ -317,7 +335,7 @@ impl HeatSearch {
 
     /// Distances of all vertices from the nearest source; infinite on components without one. Sources out of range are ignored.
     pub fn distances(&mut self, heat: &HeatMethod, sources: &[u32]) -> Vec<f64> {
-        self.solve(heat, &[sources]).pop().unwrap_or_default()
+        self.solve(heat, &[sources], NEVER).pop().unwrap_or_default()
     }
 
     /// The vertices within `radius` and their neighbours. Every call solves for the whole mesh. What is within need not be connected.
@@ -341,10 +359,15 @@ impl HeatSearch {
 
     /// Distances from each source to each target, some sources at a time.
     pub fn between(&mut self, heat: &HeatMethod, sources: &[u32], targets: &[u32]) -> Vec<Vec<f64>> {
+        self.between_until(heat, sources, targets, NEVER)
+    }
+
+    /// The same, until `stop`: the rest is then infinite.
+    pub fn between_until(&mut self, heat: &HeatMethod, sources: &[u32], targets: &[u32], stop: Stop) -> Vec<Vec<f64>> {
         let mut rows = Vec::with_capacity(sources.len());
         for some in sources.chunks(TOGETHER) {
             let sets: Vec<&[u32]> = some.iter().map(std::slice::from_ref).collect();
-            for all in self.solve(heat, &sets) {
+            for all in self.solve(heat, &sets, stop) {
                 let at = |&t: &u32| all.get(t as usize).copied().unwrap_or(f64::INFINITY);
                 rows.push(targets.iter().map(at).collect());
             }
@@ -353,8 +376,12 @@ impl HeatSearch {
     }
 
     /// Distances of all vertices from each set of sources.
-    fn solve(&mut self, heat: &HeatMethod, sets: &[&[u32]]) -> Vec<Vec<f64>> {
+    fn solve(&mut self, heat: &HeatMethod, sets: &[&[u32]], stop: Stop) -> Vec<Vec<f64>> {
         let n = heat.len();
+        let unknown = || vec![vec![f64::INFINITY; n]; sets.len()];
+        if stop() {
+            return unknown();
+        }
         let known = |set: &&[u32]| -> Vec<u32> { set.iter().copied().filter(|&s| (s as usize) < n).collect() };
         let sets: Vec<Vec<u32>> = sets.iter().map(known).collect();
         let mut u = Mat::<f64>::zeros(n, sets.len());
@@ -374,6 +401,9 @@ impl HeatSearch {
             self.apply(heat, factor, &mut v);
             v
         });
+        if stop() {
+            return unknown();
+        }
         self.apply(heat, &heat.free, &mut u);
         if let Some(cold) = cold {
             u += cold;
@@ -389,6 +419,9 @@ impl HeatSearch {
             for (i, x) in out.into_iter().enumerate() {
                 phi[(i, j)] = x;
             }
+        }
+        if stop() {
+            return unknown();
         }
         self.apply(heat, &heat.poisson, &mut phi);
         let column = |j: usize| phi.col(j).iter().copied().collect::<Vec<f64>>();

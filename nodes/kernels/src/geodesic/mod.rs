@@ -28,6 +28,7 @@ pub use graph::Graph;
 pub use heat::{HeatError, HeatMethod, HeatSearch};
 
 use crate::adjacency::MeshError;
+use crate::stop::{NEVER, Stop};
 use std::fmt;
 
 /// How distances on the surface are measured.
@@ -94,10 +95,20 @@ enum Prepared {
 impl Geodesics {
     /// Prepares a mesh. Refuses indices out of range and coordinates that are not finite; `Heat` also refuses faces without area.
     pub fn new(vertices: &[[f64; 3]], faces: &[[u32; 3]], metric: Metric) -> Result<Self, GeodesicError> {
+        Self::new_until(vertices, faces, metric, NEVER)
+    }
+
+    /// The same, until `stop`, which only the heat method asks: the others are soon ready.
+    pub fn new_until(
+        vertices: &[[f64; 3]],
+        faces: &[[u32; 3]],
+        metric: Metric,
+        stop: Stop,
+    ) -> Result<Self, GeodesicError> {
         Ok(Self(match metric {
             Metric::Edges => Prepared::Graph(Graph::edges(vertices, faces)?),
             Metric::Unfolded => Prepared::Graph(Graph::unfolded(vertices, faces)?),
-            Metric::Heat => Prepared::Heat(Box::new(HeatMethod::new(vertices, faces)?)),
+            Metric::Heat => Prepared::Heat(Box::new(HeatMethod::new_until(vertices, faces, stop)?)),
             Metric::Exact => Prepared::Exact(Box::new(Polyhedron::new(vertices, faces)?)),
         }))
     }
@@ -105,17 +116,32 @@ impl Geodesics {
     /// A workspace for queries. It grows on first use and is reused from query to query.
     #[must_use]
     pub fn search(&self) -> Search<'_> {
-        Search(match &self.0 {
+        self.search_until(NEVER)
+    }
+
+    /// The same; queries end early once `stop` says so, with what they have.
+    #[must_use]
+    pub fn search_until<'a>(&'a self, stop: Stop<'a>) -> Search<'a> {
+        let work = match &self.0 {
             Prepared::Graph(graph) => Work::Graph(graph, Dijkstra::new()),
             Prepared::Heat(heat) => Work::Heat(heat, HeatSearch::new()),
             Prepared::Exact(polyhedron) => Work::Exact(polyhedron, ExactSearch::new()),
-        })
+        };
+        Search { work, stop }
     }
 }
 
 /// Queries on [`Geodesics`]. Sources out of range are ignored.
-#[derive(Debug)]
-pub struct Search<'a>(Work<'a>);
+pub struct Search<'a> {
+    work: Work<'a>,
+    stop: Stop<'a>,
+}
+
+impl fmt::Debug for Search<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Search").field("work", &self.work).finish_non_exhaustive()
+    }
+}
 
 #[derive(Debug)]
 enum Work<'a> {
@@ -127,10 +153,10 @@ enum Work<'a> {
 impl Search<'_> {
     /// Distances of all vertices from the nearest source; infinite where no path leads.
     pub fn distances(&mut self, sources: &[u32]) -> Vec<f64> {
-        match &mut self.0 {
+        match &mut self.work {
             Work::Graph(graph, work) => work.distances(graph, sources),
             Work::Heat(heat, work) => work.distances(heat, sources),
-            Work::Exact(polyhedron, work) => work.distances(polyhedron, sources),
+            Work::Exact(polyhedron, work) => work.distances_until(polyhedron, sources, self.stop),
         }
     }
 
@@ -138,19 +164,25 @@ impl Search<'_> {
     ///
     /// The cost is set by the visited vertices alone, but for `Heat`, whose every query solves for the whole mesh.
     pub fn ball(&mut self, sources: &[u32], radius: f64) -> Ball<'_> {
-        match &mut self.0 {
+        match &mut self.work {
             Work::Graph(graph, work) => work.ball(graph, sources, radius),
             Work::Heat(heat, work) => work.ball(heat, sources, radius),
-            Work::Exact(polyhedron, work) => work.ball(polyhedron, sources, radius),
+            Work::Exact(polyhedron, work) => work.ball_until(polyhedron, sources, radius, self.stop),
         }
     }
 
     /// Distances from each source to each target, `sources.len()` rows; infinite where no path leads.
     pub fn between(&mut self, sources: &[u32], targets: &[u32]) -> Vec<Vec<f64>> {
-        match &mut self.0 {
-            Work::Graph(graph, work) => sources.iter().map(|&s| work.to(graph, &[s], targets)).collect(),
-            Work::Heat(heat, work) => work.between(heat, sources, targets),
-            Work::Exact(polyhedron, work) => sources.iter().map(|&s| work.to(polyhedron, &[s], targets)).collect(),
+        let (stop, unknown) = (self.stop, vec![f64::INFINITY; targets.len()]);
+        match &mut self.work {
+            Work::Graph(graph, work) => {
+                let row = |&s: &u32| if stop() { unknown.clone() } else { work.to(graph, &[s], targets) };
+                sources.iter().map(row).collect()
+            }
+            Work::Heat(heat, work) => work.between_until(heat, sources, targets, stop),
+            Work::Exact(polyhedron, work) => {
+                sources.iter().map(|&s| work.to_until(polyhedron, &[s], targets, stop)).collect()
+            }
         }
     }
 }

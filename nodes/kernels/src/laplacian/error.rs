@@ -63,6 +63,8 @@ pub enum LaplacianError {
         /// Flips done.
         flips: usize,
     },
+    /// The caller said to stop.
+    Cancelled,
 }
 
 impl fmt::Display for LaplacianError {
@@ -92,6 +94,7 @@ impl fmt::Display for LaplacianError {
             Self::DelaunayStalled { flips } => {
                 write!(f, "the intrinsic Delaunay triangulation was not reached in {flips} flips")
             }
+            Self::Cancelled => write!(f, "cancelled"),
         }
     }
 }

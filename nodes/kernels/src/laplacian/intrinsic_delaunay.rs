@@ -5,6 +5,7 @@
 
 use super::LaplacianError;
 use super::triangle::Triangle;
+use crate::stop::{Pace, Stop};
 
 const NONE: u32 = u32::MAX;
 
@@ -25,7 +26,12 @@ fn next(h: u32) -> u32 {
 }
 
 /// The faces and lengths of the intrinsic Delaunay triangulation of the same surface on the same vertices. Boundary edges stay.
-pub(crate) fn flip_to_delaunay(faces: &[[u32; 3]], lengths: &[[f64; 3]]) -> Result<Triangulation, LaplacianError> {
+pub(crate) fn flip_to_delaunay(
+    faces: &[[u32; 3]],
+    lengths: &[[f64; 3]],
+    stop: Stop,
+) -> Result<Triangulation, LaplacianError> {
+    let pace = Pace::new(stop, 4096);
     let mut mesh = Mesh::new(faces, lengths)?;
     let count = mesh.corners.len();
     // A stack of half-edges to examine, smallest on top; any order ends in the same triangulation but for cocircular quads.
@@ -34,6 +40,9 @@ pub(crate) fn flip_to_delaunay(faces: &[[u32; 3]], lengths: &[[f64; 3]]) -> Resu
     let mut flips = 0;
     let limit = 1000 + 200 * count;
     while let Some(h) = stack.pop() {
+        if pace.ends() {
+            return Err(LaplacianError::Cancelled);
+        }
         if mesh.is_delaunay(h) {
             continue;
         }

@@ -15,6 +15,7 @@ mod window;
 use super::dijkstra::Ball;
 use super::queue::Queue;
 use crate::adjacency::MeshError;
+use crate::stop::{NEVER, Pace, Stop};
 use envelope::Envelope;
 use surface::{Side, Surface};
 use window::Cone;
@@ -81,20 +82,35 @@ impl ExactSearch {
 
     /// Distances of all vertices from the nearest source; infinite where no path leads. Sources out of range are ignored.
     pub fn distances(&mut self, polyhedron: &Polyhedron, sources: &[u32]) -> Vec<f64> {
-        self.search(&polyhedron.0, sources, f64::INFINITY, &[]);
+        self.distances_until(polyhedron, sources, NEVER)
+    }
+
+    /// The same, until `stop`: what was not reached is then infinite or too far.
+    pub fn distances_until(&mut self, polyhedron: &Polyhedron, sources: &[u32], stop: Stop) -> Vec<f64> {
+        self.search(&polyhedron.0, sources, f64::INFINITY, &[], stop);
         (0..polyhedron.len() as u32).map(|v| self.distance(v)).collect()
     }
 
     /// The vertices within `radius` of the nearest source, and all their neighbours, at a cost set by what is visited.
     pub fn ball(&mut self, polyhedron: &Polyhedron, sources: &[u32], radius: f64) -> Ball<'_> {
-        self.search(&polyhedron.0, sources, radius, &[]);
+        self.ball_until(polyhedron, sources, radius, NEVER)
+    }
+
+    /// The same, until `stop`: the ball then is too small.
+    pub fn ball_until(&mut self, polyhedron: &Polyhedron, sources: &[u32], radius: f64, stop: Stop) -> Ball<'_> {
+        self.search(&polyhedron.0, sources, radius, &[], stop);
         let (inside, rim) = self.settled.split_at(self.inside);
         Ball { radius, inside, rim }
     }
 
     /// Distances of `targets` from the nearest source; the search ends when all of them are known.
     pub fn to(&mut self, polyhedron: &Polyhedron, sources: &[u32], targets: &[u32]) -> Vec<f64> {
-        self.search(&polyhedron.0, sources, -1.0, targets);
+        self.to_until(polyhedron, sources, targets, NEVER)
+    }
+
+    /// The same, until `stop`: what was not reached is then infinite.
+    pub fn to_until(&mut self, polyhedron: &Polyhedron, sources: &[u32], targets: &[u32], stop: Stop) -> Vec<f64> {
+        self.search(&polyhedron.0, sources, -1.0, targets, stop);
         let settled = |&v: &u32| self.labels.get(v as usize).is_some_and(|l| l.stamp == 4 * self.epoch + SETTLED);
         targets.iter().map(|v| if settled(v) { self.distance(*v) } else { f64::INFINITY }).collect()
     }
@@ -151,9 +167,13 @@ impl ExactSearch {
         }
     }
 
-    fn search(&mut self, surface: &Surface, sources: &[u32], radius: f64, targets: &[u32]) {
+    fn search(&mut self, surface: &Surface, sources: &[u32], radius: f64, targets: &[u32], stop: Stop) {
+        let pace = Pace::new(stop, 4096);
         self.start(surface, sources, targets);
         while let Some((key, item)) = self.queue.pop() {
+            if pace.ends() {
+                break;
+            }
             // Not a number counts as nothing within.
             let within = key <= radius;
             if !within && self.wanted == 0 {
