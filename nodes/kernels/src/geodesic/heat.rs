@@ -235,7 +235,10 @@ fn boundary(n: usize, faces: &[[u32; 3]]) -> Result<Vec<bool>, HeatError> {
 /// The greatest extent of a component, about: the farthest from the vertex that is farthest from a first one.
 fn extent(graph: &Graph, first: &[u32]) -> f64 {
     let mut work = Dijkstra::new();
-    let mut farthest = |from: u32| work.ball(graph, &[from], f64::INFINITY).inside.last().copied();
+    let mut farthest = |from: u32| {
+        let all = work.within(graph, &[from], f64::INFINITY).iter().copied();
+        all.max_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)))
+    };
     let across = |&v: &u32| farthest(v).and_then(|(far, _)| farthest(far)).map_or(0.0, |(_, d)| d);
     first.iter().map(across).fold(0.0, f64::max)
 }
@@ -332,9 +335,6 @@ impl HeatSearch {
             } else if heat.graph.neighbours(v).any(|(w, _)| within(distances[w as usize])) {
                 self.rim.push((v, d));
             }
-        }
-        for list in [&mut self.found, &mut self.rim] {
-            list.sort_unstable_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
         }
         Ball { radius, inside: &self.found, rim: &self.rim }
     }
