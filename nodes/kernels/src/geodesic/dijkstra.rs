@@ -5,7 +5,7 @@
 //! bit, since either way a distance is the least of the rounded lengths of all paths, and rounded sums never fall as paths grow.
 
 use super::graph::Graph;
-use super::queue::{Front, Waiting};
+use super::queue::{Front, Queue, Waiting};
 
 /// The vertices about a source, by whatever metric. Their order is the same whenever the same is asked; it has no meaning.
 #[derive(Debug, Clone, Copy)]
@@ -189,15 +189,21 @@ fn settle<const LIST: bool>(
     limit: f64,
     settled: &mut Vec<Waiting>,
 ) {
-    let from = settled.len();
-    front.drain(|front, entry| {
-        if entry.1 == distance[entry.0 as usize] {
-            if LIST {
-                settled.push(entry);
-            }
-            relax(front, graph, distance, limit, entry);
+    let (from, mut round) = (settled.len(), std::mem::take(&mut front.spare));
+    // Mostly one round; where many links are shorter than a bucket is wide, too many may follow.
+    let mut left = usize::MAX;
+    while front.take(&mut round) {
+        left = left.min(256 + 8 * round.len());
+        if round.len() > left {
+            settle_in_order::<LIST>(front, graph, distance, limit, settled, &mut round);
+            break;
         }
-    });
+        left -= round.len();
+        for &entry in &round {
+            visit::<LIST>(front, graph, distance, limit, settled, entry);
+        }
+    }
+    front.spare = round;
     if LIST {
         // Without those that were found nearer afterwards, in the same bucket. A flag moves the end: a branch would be guessed wrong.
         let mut end = from;
@@ -210,9 +216,44 @@ fn settle<const LIST: bool>(
     }
 }
 
+/// The same, nearest first, so that nothing is followed twice.
+#[cold]
+fn settle_in_order<const LIST: bool>(
+    front: &mut Front,
+    graph: &Graph,
+    distance: &mut [f64],
+    limit: f64,
+    settled: &mut Vec<Waiting>,
+    round: &mut Vec<Waiting>,
+) {
+    let mut heap = Queue::default();
+    round.iter().for_each(|&(vertex, distance)| heap.push(distance, vertex));
+    while let Some((known, vertex)) = heap.pop() {
+        visit::<LIST>(front, graph, distance, limit, settled, (vertex, known));
+        front.take(round);
+        round.iter().for_each(|&(vertex, distance)| heap.push(distance, vertex));
+    }
+}
+
+#[inline(always)]
+fn visit<const LIST: bool>(
+    front: &mut Front,
+    graph: &Graph,
+    distance: &mut [f64],
+    limit: f64,
+    settled: &mut Vec<Waiting>,
+    entry: Waiting,
+) {
+    if entry.1 == distance[entry.0 as usize] {
+        if LIST {
+            settled.push(entry);
+        }
+        relax(front, graph, distance, limit, entry);
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::super::queue::Queue;
     use super::*;
     use crate::random::Random;
 

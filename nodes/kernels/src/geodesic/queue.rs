@@ -79,14 +79,14 @@ pub(super) struct Front {
     at: usize,
     /// Buckets per unit of distance.
     density: f64,
-    round: Vec<Waiting>,
-    heap: Queue,
+    /// What [`Front::take`] exchanges a bucket for: its memory.
+    pub(super) spare: Vec<Waiting>,
 }
 
 impl Default for Front {
     fn default() -> Self {
         let buckets = [const { Vec::new() }; BUCKETS];
-        Self { buckets, occupied: 0, at: 0, density: 0.0, round: Vec::new(), heap: Queue::default() }
+        Self { buckets, occupied: 0, at: 0, density: 0.0, spare: Vec::new() }
     }
 }
 
@@ -98,7 +98,7 @@ impl Front {
             self.occupied &= !(1 << self.at);
         }
         self.at = 0;
-        let width = (mean / 8.0).max(most / (BUCKETS - 2) as f64);
+        let width = (mean / 4.0).max(most / (BUCKETS - 2) as f64);
         // Without lengths everything is in the first bucket.
         self.density = if width > 0.0 && (1.0 / width).is_finite() { 1.0 / width } else { 0.0 };
     }
@@ -136,41 +136,13 @@ impl Front {
         }
     }
 
-    /// Takes out all that is in the present bucket, and what `visit` adds to it meanwhile.
+    /// Exchanges the present bucket for an empty list; false if there was nothing in it.
     #[inline(always)]
-    pub(super) fn drain(&mut self, mut visit: impl FnMut(&mut Self, Waiting)) {
-        // Mostly one round; where many links are shorter than a bucket is wide, too many may follow.
-        let mut left = 256 + 8 * self.buckets[self.at].len();
-        loop {
-            let mut round = std::mem::take(&mut self.round);
-            std::mem::swap(&mut round, &mut self.buckets[self.at]);
-            self.occupied &= !(1 << self.at);
-            let count = round.len();
-            if count <= left {
-                round.iter().for_each(|&entry| visit(self, entry));
-            } else {
-                self.drain_in_order(&round, &mut visit);
-            }
-            round.clear();
-            self.round = round;
-            if count == 0 || count > left {
-                return;
-            }
-            left -= count;
-        }
-    }
-
-    /// The same, nearest first, which visits nothing twice.
-    #[cold]
-    fn drain_in_order(&mut self, round: &[Waiting], visit: &mut impl FnMut(&mut Self, Waiting)) {
-        let mut heap = std::mem::take(&mut self.heap);
-        round.iter().for_each(|&(vertex, distance)| heap.push(distance, vertex));
-        while let Some((distance, vertex)) = heap.pop() {
-            visit(self, (vertex, distance));
-            self.buckets[self.at].drain(..).for_each(|(vertex, distance)| heap.push(distance, vertex));
-            self.occupied &= !(1 << self.at);
-        }
-        self.heap = heap;
+    pub(super) fn take(&mut self, round: &mut Vec<Waiting>) -> bool {
+        round.clear();
+        std::mem::swap(round, &mut self.buckets[self.at]);
+        self.occupied &= !(1 << self.at);
+        !round.is_empty()
     }
 }
 
