@@ -36,7 +36,7 @@ pub struct PatchOptions {
 
 impl Default for PatchOptions {
     fn default() -> Self {
-        Self { area: Area::Mixed, intrinsic_delaunay: false, dense_limit: 80 }
+        Self { area: Area::Mixed, intrinsic_delaunay: false, dense_limit: 150 }
     }
 }
 
