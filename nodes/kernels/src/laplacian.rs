@@ -14,6 +14,7 @@ pub(crate) use intrinsic_delaunay::flip_to_delaunay;
 pub(crate) use triangle::Triangle;
 pub use triangle::is_zero_area;
 
+use crate::adjacency::opposite_sides;
 use crate::sparse::SymmetricCsr;
 
 /// How a triangle's area is shared among its corners; both ways sum to the surface's area.
@@ -63,15 +64,15 @@ pub fn laplacian(
             return Err(LaplacianError::RepeatedVertex { face });
         }
     }
-    let corners = |face: [u32; 3]| face.map(|v| vertices[v as usize]);
-    let triangles = measure(faces, |face| Triangle::from_points(corners(faces[face])))?;
+    let triangle = |face: usize| Triangle::from_points(faces[face].map(|v| vertices[v as usize]));
     if intrinsic_delaunay {
+        let lengths = measure(faces, triangle).map(|t| Ok(t?.squared.map(f64::sqrt)));
+        let lengths: Vec<[f64; 3]> = lengths.collect::<Result<_, LaplacianError>>()?;
         // Checked before the flips: they keep every vertex that has a face, and an orphan would otherwise be blamed on them.
         check_referenced(vertices.len(), faces)?;
-        let lengths: Vec<[f64; 3]> = triangles.iter().map(|t| t.squared.map(f64::sqrt)).collect();
         return delaunay_operator(vertices.len(), faces, &lengths, area);
     }
-    assemble(vertices.len(), faces, &triangles, area)
+    assemble(vertices.len(), faces, triangle, area)
 }
 
 /// The Laplacian of an intrinsic triangulation: no positions, only edge lengths.
@@ -89,12 +90,13 @@ pub fn laplacian_from_lengths(
         return Err(LaplacianError::LengthCount { faces: faces.len(), lengths: lengths.len() });
     }
     check_indices(vertex_count, faces)?;
-    let triangles = measure(faces, |face| Triangle::from_lengths(lengths[face]))?;
+    let triangle = |face: usize| Triangle::from_lengths(lengths[face]);
     if intrinsic_delaunay {
+        measure(faces, triangle).try_for_each(|t| t.map(|_| ()))?;
         check_referenced(vertex_count, faces)?;
         return delaunay_operator(vertex_count, faces, lengths, area);
     }
-    assemble(vertex_count, faces, &triangles, area)
+    assemble(vertex_count, faces, triangle, area)
 }
 
 fn delaunay_operator(
@@ -104,12 +106,14 @@ fn delaunay_operator(
     area: Area,
 ) -> Result<Operator, LaplacianError> {
     let (faces, lengths) = intrinsic_delaunay::flip_to_delaunay(faces, lengths)?;
-    let triangles = measure(&faces, |face| Triangle::from_lengths(lengths[face]))?;
-    assemble(n, &faces, &triangles, area)
+    assemble(n, &faces, |face| Triangle::from_lengths(lengths[face]), area)
 }
 
-fn measure(faces: &[[u32; 3]], triangle: impl Fn(usize) -> Option<Triangle>) -> Result<Vec<Triangle>, LaplacianError> {
-    (0..faces.len()).map(|face| triangle(face).ok_or(LaplacianError::ZeroAreaFace { face })).collect()
+fn measure(
+    faces: &[[u32; 3]],
+    triangle: impl Fn(usize) -> Option<Triangle>,
+) -> impl Iterator<Item = Result<Triangle, LaplacianError>> {
+    (0..faces.len()).map(move |face| triangle(face).ok_or(LaplacianError::ZeroAreaFace { face }))
 }
 
 fn check_indices(n: usize, faces: &[[u32; 3]]) -> Result<(), LaplacianError> {
@@ -137,22 +141,28 @@ fn check_referenced(n: usize, faces: &[[u32; 3]]) -> Result<(), LaplacianError> 
     }
 }
 
-fn assemble(n: usize, faces: &[[u32; 3]], triangles: &[Triangle], area: Area) -> Result<Operator, LaplacianError> {
-    check_referenced(n, faces)?;
-    let mut edges = Vec::with_capacity(3 * faces.len());
+fn assemble(
+    n: usize,
+    faces: &[[u32; 3]],
+    triangle: impl Fn(usize) -> Option<Triangle>,
+    area: Area,
+) -> Result<Operator, LaplacianError> {
+    let mut weights = Vec::with_capacity(3 * faces.len());
     let mut mass = vec![0.0; n];
-    for (corners, triangle) in faces.iter().zip(triangles) {
+    for (corners, triangle) in faces.iter().zip(measure(faces, triangle)) {
+        let triangle = triangle?;
         let shares = match area {
             Area::Mixed => triangle.mixed_areas(),
             Area::Barycentric => [triangle.area / 3.0; 3],
         };
         for i in 0..3 {
-            edges.push((corners[(i + 1) % 3], corners[(i + 2) % 3], 0.5 * triangle.cotangents[i]));
+            weights.push(0.5 * triangle.cotangents[i]);
             mass[corners[i] as usize] += shares[i];
         }
     }
+    check_referenced(n, faces)?;
     if let Some(vertex) = mass.iter().position(|s| !(s.is_finite() && *s > 0.0)) {
         return Err(LaplacianError::NotPositive { vertex }); // areas that under- or overflow
     }
-    Ok(Operator { stiffness: SymmetricCsr::graph_laplacian(n, &edges), mass })
+    Ok(Operator { stiffness: SymmetricCsr::graph_laplacian(n, opposite_sides(faces), &weights), mass })
 }

@@ -16,6 +16,7 @@ mod problem;
 mod sparse;
 mod tridiagonal;
 
+use crate::adjacency::on_rim;
 use crate::eigen::Hooks;
 use crate::laplacian::{Area, LaplacianError, Operator, laplacian};
 use bisection::Tridiagonal;
@@ -134,7 +135,8 @@ pub fn patch_spectrum(
         return Err(PatchError::Disconnected { components });
     }
     let n = vertices.len();
-    let interior = interior_vertices(n, faces);
+    let rim = on_rim(n, faces);
+    let interior: Vec<u32> = (0..n as u32).filter(|&v| !rim[v as usize]).collect();
     let doubled = interior.len() < n;
     let available = n - 1 + if doubled { interior.len() } else { 0 };
     if available < count {
@@ -205,21 +207,4 @@ fn dense_values(problem: &Doubled, count: usize) -> Result<Option<Vec<f64>>, Pat
     let values = bisection::lowest(&both, count, expected(problem, count)).ok_or(PatchError::NotCertified)?;
     let rounding = f64::EPSILON * problem.norm();
     Ok(values.first().is_some_and(|&lowest| rounding <= DENSE_ROUNDING * lowest).then_some(values))
-}
-
-/// Vertices on no edge that has exactly one face, ascending.
-fn interior_vertices(n: usize, faces: &[[u32; 3]]) -> Vec<u32> {
-    let mut edges: Vec<(u32, u32)> = faces
-        .iter()
-        .flat_map(|&[a, b, c]| [(a.min(b), a.max(b)), (b.min(c), b.max(c)), (c.min(a), c.max(a))])
-        .collect();
-    edges.sort_unstable();
-    let mut inside = vec![true; n];
-    for group in edges.chunk_by(|x, y| x == y) {
-        if let [(a, b)] = *group {
-            inside[a as usize] = false;
-            inside[b as usize] = false;
-        }
-    }
-    (0..n as u32).filter(|&v| inside[v as usize]).collect()
 }

@@ -120,19 +120,19 @@ impl HeatMethod {
         let graph = Graph::edges(vertices, faces).map_err(HeatError::Mesh)?;
         let boundary = boundary(n, faces)?;
         let (faces, lengths, unit) = triangulate(vertices, faces)?;
-        let mut edges = Vec::with_capacity(3 * faces.len());
+        let mut weights = Vec::with_capacity(3 * faces.len());
         let mut mass = vec![0.0; n];
         let mut flat = Vec::with_capacity(faces.len());
         for (face, (&corners, &sides)) in faces.iter().zip(&lengths).enumerate() {
             let triangle = Triangle::from_lengths(sides).ok_or(HeatError::ZeroAreaFace { face })?;
             for i in 0..3 {
-                edges.push((corners[(i + 1) % 3], corners[(i + 2) % 3], 0.5 * triangle.cotangents[i]));
+                weights.push(0.5 * triangle.cotangents[i]);
                 mass[corners[i] as usize] += triangle.area / 3.0;
             }
             let y = 2.0 * triangle.area / sides[2];
             flat.push(Flat { corners, base: sides[2], x: y * triangle.cotangents[0], y });
         }
-        let stiffness = SymmetricCsr::graph_laplacian(n, &edges);
+        let stiffness = SymmetricCsr::graph_laplacian(n, adjacency::opposite_sides(&faces), &weights);
         let (components, component) = stiffness.components();
         let mut held = vec![u32::MAX; components];
         (0..n as u32).rev().for_each(|v| held[component[v as usize] as usize] = v);
