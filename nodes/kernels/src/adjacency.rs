@@ -166,45 +166,61 @@ pub struct Edges {
     pub face_edges: Vec<[u32; 3]>,
 }
 
+/// Pairs of different vertices by (lower end, higher end, number of the pair), and where each lower end begins. An entry is the higher end above
+/// the number. Pairs of a vertex with itself are left out.
+pub(crate) fn ordered_pairs(
+    vertex_count: usize,
+    pairs: impl Iterator<Item = (u32, u32)> + Clone,
+) -> (Vec<u32>, Vec<u64>) {
+    let mut starts = vec![0u32; vertex_count + 1];
+    for (a, b) in pairs.clone() {
+        starts[a.min(b) as usize + 1] += u32::from(a != b);
+    }
+    for v in 0..vertex_count {
+        starts[v + 1] += starts[v];
+    }
+    // Bucketed by the lower end: some six to a bucket.
+    let mut next = starts.clone();
+    let mut ordered = vec![0u64; starts[vertex_count] as usize];
+    for ((a, b), number) in pairs.zip(0u32..) {
+        if a != b {
+            let slot = &mut next[a.min(b) as usize];
+            ordered[*slot as usize] = u64::from(a.max(b)) << 32 | u64::from(number);
+            *slot += 1;
+        }
+    }
+    for v in 0..vertex_count {
+        ordered[starts[v] as usize..starts[v + 1] as usize].sort_unstable();
+    }
+    (starts, ordered)
+}
+
+/// The side from each corner of each face to the next one.
+fn sides(faces: &[[u32; 3]]) -> impl Iterator<Item = (u32, u32)> + Clone {
+    faces.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)])
+}
+
+/// The side opposite each corner of each face.
+pub(crate) fn opposite_sides(faces: &[[u32; 3]]) -> impl Iterator<Item = (u32, u32)> + Clone {
+    faces.iter().flat_map(|&[a, b, c]| [(b, c), (c, a), (a, b)])
+}
+
 /// Finds the edges of a mesh.
 pub fn edges(vertex_count: usize, faces: &[[u32; 3]]) -> Result<Edges, MeshError> {
     check_faces(vertex_count, faces)?;
-    let count = |row: &mut [usize]| {
-        for (k, corners) in faces.iter().flat_map(|f| (0..3).map(move |k| (k, f))) {
-            let (a, b) = (corners[k], corners[(k + 1) % 3]);
-            row[a.min(b) as usize + 1] += usize::from(a != b);
-        }
-    };
-    let mut offsets = vec![0usize; vertex_count + 1];
-    count(&mut offsets);
-    for v in 0..vertex_count {
-        offsets[v + 1] += offsets[v];
-    }
-    // One word per side, the higher end above the side's number, bucketed by the lower end: some six to a bucket.
-    let mut next = offsets.clone();
-    let mut sides = vec![0u64; offsets[vertex_count]];
-    for (face, corners) in faces.iter().enumerate() {
-        for k in 0..3 {
-            let (a, b) = (corners[k], corners[(k + 1) % 3]);
-            if a != b {
-                let slot = &mut next[a.min(b) as usize];
-                sides[*slot] = u64::from(a.max(b)) << 32 | (3 * face + k) as u64;
-                *slot += 1;
-            }
-        }
-    }
-    let mut ends: Vec<[u32; 2]> = Vec::with_capacity(sides.len() / 2 + 1);
+    let (starts, ordered) = ordered_pairs(vertex_count, sides(faces));
+    let mut ends: Vec<[u32; 2]> = Vec::with_capacity(ordered.len() / 2 + 1);
     let mut incident =
-        Csr { offsets: Vec::with_capacity(sides.len() / 2 + 2), targets: Vec::with_capacity(sides.len()) };
+        Csr { offsets: Vec::with_capacity(ordered.len() / 2 + 2), targets: Vec::with_capacity(ordered.len()) };
     let mut face_edges = vec![[NO_EDGE; 3]; faces.len()];
     for v in 0..vertex_count {
-        let row = &mut sides[offsets[v]..offsets[v + 1]];
-        row.sort_unstable();
-        for &mut packed in row {
+        let mut last = u32::MAX;
+        for &packed in &ordered[starts[v] as usize..starts[v + 1] as usize] {
             let (high, side) = ((packed >> 32) as u32, packed as u32);
             let (face, k) = (side / 3, (side % 3) as usize);
-            let new = ends.last() != Some(&[v as u32, high]);
+            let new = high != last;
             if new {
+                last = high;
                 ends.push([v as u32, high]);
                 incident.offsets.push(incident.targets.len());
             }
@@ -217,6 +233,22 @@ pub fn edges(vertex_count: usize, faces: &[[u32; 3]]) -> Result<Edges, MeshError
     }
     incident.offsets.push(incident.targets.len());
     Ok(Edges { ends, faces: incident, face_edges })
+}
+
+/// Marks the vertices on edges that have exactly one side.
+pub(crate) fn on_rim(vertex_count: usize, faces: &[[u32; 3]]) -> Vec<bool> {
+    let (starts, ordered) = ordered_pairs(vertex_count, sides(faces));
+    let mut rim = vec![false; vertex_count];
+    for v in 0..vertex_count {
+        let row = &ordered[starts[v] as usize..starts[v + 1] as usize];
+        for group in row.chunk_by(|x, y| x >> 32 == y >> 32) {
+            if let [single] = *group {
+                rim[v] = true;
+                rim[(single >> 32) as usize] = true;
+            }
+        }
+    }
+    rim
 }
 
 /// The edges at each vertex, ascending, of a list of edges with ends below `vertex_count`.

@@ -86,7 +86,11 @@ pub struct DiscCutter<'a> {
     distance: Vec<f64>,
     side: Vec<Side>,
     face_seen: Vec<bool>,
+    /// The number of each vertex in the patch being made; [`NO_NUMBER`] between cuts.
+    number: Vec<u32>,
 }
+
+const NO_NUMBER: u32 = u32::MAX;
 
 /// A patch being put together: corners name mesh vertices, or `mesh vertex count + cut`.
 struct Pieces {
@@ -106,6 +110,7 @@ impl<'a> DiscCutter<'a> {
             distance: vec![f64::INFINITY; vertices.len()],
             side: vec![Side::Out; vertices.len()],
             face_seen: vec![false; faces.len()],
+            number: vec![NO_NUMBER; vertices.len()],
         })
     }
 
@@ -125,7 +130,7 @@ impl<'a> DiscCutter<'a> {
             self.snap(&near, ball.radius);
         }
         let pieces = if clip { self.clipped(&near, ball.radius) } else { self.unclipped(&near) };
-        let patch = self.assemble(center, &pieces, ball.radius);
+        let patch = self.assemble(center, pieces, ball.radius);
         for &(v, _) in &settled {
             self.distance[v as usize] = f64::INFINITY;
             self.side[v as usize] = Side::Out;
@@ -235,8 +240,9 @@ impl<'a> DiscCutter<'a> {
     }
 
     /// Keeps the part about the centre, splits it into a manifold and measures it.
-    fn assemble(&self, center: u32, pieces: &Pieces, radius: f64) -> Patch {
-        let Some(local) = Local::new(pieces, center) else {
+    fn assemble(&mut self, center: u32, pieces: Pieces, radius: f64) -> Patch {
+        let (names, faces) = self.compact(&pieces);
+        let Some(local) = Local::new(names, faces, center) else {
             return Patch::empty();
         };
         let mut patch = Patch::empty();
@@ -266,6 +272,30 @@ impl<'a> DiscCutter<'a> {
         };
         patch.faces = local.faces;
         patch
+    }
+
+    /// Renumbers the corners in use to `0..k`, ascending: their names, and the faces over them.
+    fn compact(&mut self, pieces: &Pieces) -> (Vec<u32>, Vec<[u32; 3]>) {
+        let base = self.vertices.len() as u32;
+        let mut names = Vec::with_capacity(pieces.faces.len() / 2 + 2);
+        for &corner in pieces.faces.iter().flatten().filter(|c| **c < base) {
+            if std::mem::replace(&mut self.number[corner as usize], 0) == NO_NUMBER {
+                names.push(corner);
+            }
+        }
+        names.sort_unstable();
+        for (&name, number) in names.iter().zip(0u32..) {
+            self.number[name as usize] = number;
+        }
+        // Of cuts each is in use, or its edge would have no kept face; they come last, in their own order.
+        let whole = names.len() as u32;
+        names.extend((0..pieces.cuts.len() as u32).map(|cut| base + cut));
+        let number = |corner: u32| if corner < base { self.number[corner as usize] } else { whole + (corner - base) };
+        let faces = pieces.faces.iter().map(|f| f.map(number)).collect();
+        for &name in &names[..whole as usize] {
+            self.number[name as usize] = NO_NUMBER;
+        }
+        (names, faces)
     }
 
     /// Whether some edge at `v` has one face only.
@@ -306,10 +336,11 @@ struct Local {
 }
 
 impl Local {
-    fn new(pieces: &Pieces, center: u32) -> Option<Self> {
-        let (names, faces) = compact(&pieces.faces);
-        let start = faces.iter().position(|f| f.iter().any(|&v| names[v as usize] == center))?;
-        let edges = adjacency::edges(names.len(), &faces).ok()?;
+    /// `names` of corners, ascending, and the faces over them.
+    fn new(names: Vec<u32>, mut faces: Vec<[u32; 3]>, center: u32) -> Option<Self> {
+        let center_name = names.binary_search(&center).ok()?;
+        let start = faces.iter().position(|f| f.contains(&(center_name as u32)))?;
+        let mut edges = adjacency::edges(names.len(), &faces).ok()?;
         // Faces are joined across proper edges only; an edge with three faces is a seam.
         let mut sets = Sets::new(faces.len());
         for e in 0..edges.ends.len() {
@@ -318,15 +349,24 @@ impl Local {
             }
         }
         let home = sets.find(start as u32);
-        let kept: Vec<u32> = (0..faces.len() as u32).filter(|&f| sets.find(f) == home).collect();
-        let faces: Vec<[u32; 3]> = kept.iter().map(|&f| faces[f as usize]).collect();
-        let edges = adjacency::edges(names.len(), &faces).ok()?;
+        let kept: Vec<[u32; 3]> = faces.iter().zip(0u32..).filter(|e| sets.find(e.1) == home).map(|e| *e.0).collect();
+        let whole = kept.len() == faces.len();
+        if !whole {
+            faces = kept;
+            edges = adjacency::edges(names.len(), &faces).ok()?;
+        }
         // Splitting vertices into fans, seams being cuts, leaves a manifold whatever was there.
         let fans = Fans::new(&faces, &edges, false);
         let vertex: Vec<u32> = fans.vertex.iter().map(|&v| names[v as usize]).collect();
         let faces = fans.corner;
-        let edges = adjacency::edges(vertex.len(), &faces).ok()?;
-        let local_center = vertex.iter().position(|&v| v == center)? as u32;
+        let local_center = vertex.iter().position(|&v| v == center)?;
+        // Where nothing was split, fans are the vertices by other numbers, and their edges are known.
+        let seams = edges.faces.offsets.windows(2).any(|w| w[1] - w[0] > 2);
+        let mut at_center = center_name;
+        if !whole || seams || vertex.len() > names.len() {
+            edges = adjacency::edges(vertex.len(), &faces).ok()?;
+            at_center = local_center;
+        }
         let mut rim = Sets::new(vertex.len());
         let mut on_rim = vec![false; vertex.len()];
         for (e, &[a, b]) in edges.ends.iter().enumerate() {
@@ -338,17 +378,6 @@ impl Local {
         }
         let loops = (0..vertex.len() as u32).filter(|&v| on_rim[v as usize] && rim.find(v) == v).count();
         let euler = vertex.len() as i64 - edges.ends.len() as i64 + faces.len() as i64;
-        Some(Self { center: local_center, center_on_rim: on_rim[local_center as usize], vertex, faces, loops, euler })
+        Some(Self { center: local_center as u32, center_on_rim: on_rim[at_center], vertex, faces, loops, euler })
     }
-}
-
-/// Renumbers the corners in use to `0..k`, ascending: their names, and the faces over them.
-fn compact(faces: &[[u32; 3]]) -> (Vec<u32>, Vec<[u32; 3]>) {
-    let mut names: Vec<u32> = faces.iter().flatten().copied().collect();
-    names.sort_unstable();
-    names.dedup();
-    // Every corner is among the names by construction.
-    let index = |c: u32| names.binary_search(&c).unwrap_or_default() as u32;
-    let faces = faces.iter().map(|f| f.map(index)).collect();
-    (names, faces)
 }

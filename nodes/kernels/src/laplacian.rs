@@ -14,6 +14,7 @@ pub(crate) use intrinsic_delaunay::flip_to_delaunay;
 pub(crate) use triangle::Triangle;
 pub use triangle::is_zero_area;
 
+use crate::adjacency::opposite_sides;
 use crate::sparse::SymmetricCsr;
 use crate::stop::{NEVER, Pace, Stop};
 
@@ -75,15 +76,15 @@ pub fn laplacian_until(
             return Err(LaplacianError::RepeatedVertex { face });
         }
     }
-    let corners = |face: [u32; 3]| face.map(|v| vertices[v as usize]);
-    let triangles = measure(faces, |face| Triangle::from_points(corners(faces[face])), stop)?;
+    let triangle = |face: usize| Triangle::from_points(faces[face].map(|v| vertices[v as usize]));
     if intrinsic_delaunay {
+        let lengths = measure(faces, triangle, stop).map(|t| Ok(t?.squared.map(f64::sqrt)));
+        let lengths: Vec<[f64; 3]> = lengths.collect::<Result<_, LaplacianError>>()?;
         // Checked before the flips: they keep every vertex that has a face, and an orphan would otherwise be blamed on them.
         check_referenced(vertices.len(), faces)?;
-        let lengths: Vec<[f64; 3]> = triangles.iter().map(|t| t.squared.map(f64::sqrt)).collect();
         return delaunay_operator(vertices.len(), faces, &lengths, area, stop);
     }
-    assemble(vertices.len(), faces, &triangles, area, stop)
+    assemble(vertices.len(), faces, triangle, area, stop)
 }
 
 /// The Laplacian of an intrinsic triangulation: no positions, only edge lengths.
@@ -101,12 +102,13 @@ pub fn laplacian_from_lengths(
         return Err(LaplacianError::LengthCount { faces: faces.len(), lengths: lengths.len() });
     }
     check_indices(vertex_count, faces)?;
-    let triangles = measure(faces, |face| Triangle::from_lengths(lengths[face]), NEVER)?;
+    let triangle = |face: usize| Triangle::from_lengths(lengths[face]);
     if intrinsic_delaunay {
+        measure(faces, triangle, NEVER).try_for_each(|t| t.map(|_| ()))?;
         check_referenced(vertex_count, faces)?;
         return delaunay_operator(vertex_count, faces, lengths, area, NEVER);
     }
-    assemble(vertex_count, faces, &triangles, area, NEVER)
+    assemble(vertex_count, faces, triangle, area, NEVER)
 }
 
 fn delaunay_operator(
@@ -117,23 +119,21 @@ fn delaunay_operator(
     stop: Stop,
 ) -> Result<Operator, LaplacianError> {
     let (faces, lengths) = intrinsic_delaunay::flip_to_delaunay(faces, lengths, stop)?;
-    let triangles = measure(&faces, |face| Triangle::from_lengths(lengths[face]), stop)?;
-    assemble(n, &faces, &triangles, area, stop)
+    assemble(n, &faces, |face| Triangle::from_lengths(lengths[face]), area, stop)
 }
 
 fn measure(
     faces: &[[u32; 3]],
     triangle: impl Fn(usize) -> Option<Triangle>,
     stop: Stop,
-) -> Result<Vec<Triangle>, LaplacianError> {
+) -> impl Iterator<Item = Result<Triangle, LaplacianError>> {
     let pace = Pace::new(stop, 8192);
-    let one = |face| {
+    (0..faces.len()).map(move |face| {
         if pace.ends() {
             return Err(LaplacianError::Cancelled);
         }
         triangle(face).ok_or(LaplacianError::ZeroAreaFace { face })
-    };
-    (0..faces.len()).map(one).collect()
+    })
 }
 
 fn check_indices(n: usize, faces: &[[u32; 3]]) -> Result<(), LaplacianError> {
@@ -164,32 +164,29 @@ fn check_referenced(n: usize, faces: &[[u32; 3]]) -> Result<(), LaplacianError> 
 fn assemble(
     n: usize,
     faces: &[[u32; 3]],
-    triangles: &[Triangle],
+    triangle: impl Fn(usize) -> Option<Triangle>,
     area: Area,
     stop: Stop,
 ) -> Result<Operator, LaplacianError> {
-    check_referenced(n, faces)?;
-    let pace = Pace::new(stop, 8192);
-    let mut edges = Vec::with_capacity(3 * faces.len());
+    let mut weights = Vec::with_capacity(3 * faces.len());
     let mut mass = vec![0.0; n];
-    for (corners, triangle) in faces.iter().zip(triangles) {
-        if pace.ends() {
-            return Err(LaplacianError::Cancelled);
-        }
+    for (corners, triangle) in faces.iter().zip(measure(faces, triangle, stop)) {
+        let triangle = triangle?;
         let shares = match area {
             Area::Mixed => triangle.mixed_areas(),
             Area::Barycentric => [triangle.area / 3.0; 3],
         };
         for i in 0..3 {
-            edges.push((corners[(i + 1) % 3], corners[(i + 2) % 3], 0.5 * triangle.cotangents[i]));
+            weights.push(0.5 * triangle.cotangents[i]);
             mass[corners[i] as usize] += shares[i];
         }
     }
+    check_referenced(n, faces)?;
     if let Some(vertex) = mass.iter().position(|s| !(s.is_finite() && *s > 0.0)) {
         return Err(LaplacianError::NotPositive { vertex }); // areas that under- or overflow
     }
     if stop() {
         return Err(LaplacianError::Cancelled);
     }
-    Ok(Operator { stiffness: SymmetricCsr::graph_laplacian(n, &edges), mass })
+    Ok(Operator { stiffness: SymmetricCsr::graph_laplacian(n, opposite_sides(faces), &weights), mass })
 }

@@ -7,6 +7,7 @@
 // Code compiled for wider vector instructions must be inlined into what chooses them, and lanes are told apart by their numbers.
 #![expect(clippy::inline_always, clippy::needless_range_loop, reason = "vectorised kernels")]
 
+mod bisection;
 mod factor;
 mod lanczos;
 mod order;
@@ -15,8 +16,10 @@ mod problem;
 mod sparse;
 mod tridiagonal;
 
+use crate::adjacency::on_rim;
 use crate::eigen::Hooks;
 use crate::laplacian::{Area, LaplacianError, Operator, laplacian};
+use bisection::Tridiagonal;
 use factor::Factoriser;
 use problem::Doubled;
 use std::fmt;
@@ -34,7 +37,7 @@ pub struct PatchOptions {
 
 impl Default for PatchOptions {
     fn default() -> Self {
-        Self { area: Area::Mixed, intrinsic_delaunay: false, dense_limit: 80 }
+        Self { area: Area::Mixed, intrinsic_delaunay: false, dense_limit: 150 }
     }
 }
 
@@ -132,7 +135,8 @@ pub fn patch_spectrum(
         return Err(PatchError::Disconnected { components });
     }
     let n = vertices.len();
-    let interior = interior_vertices(n, faces);
+    let rim = on_rim(n, faces);
+    let interior: Vec<u32> = (0..n as u32).filter(|&v| !rim[v as usize]).collect();
     let doubled = interior.len() < n;
     let available = n - 1 + if doubled { interior.len() } else { 0 };
     if available < count {
@@ -185,35 +189,22 @@ fn scaled_values(
     dense_values(problem, count)?.ok_or(PatchError::NotCertified)
 }
 
+/// About where the value of this number is, by Weyl's law for the closed surface: of area 2 if doubled, else 1.
+fn expected(problem: &Doubled, count: usize) -> f64 {
+    4.0 * std::f64::consts::PI * count as f64 / if problem.interior > 0 { 2.0 } else { 1.0 }
+}
+
 /// Accepted effect of rounding on the values of the dense solver, relative to the lowest: slivers have more.
 const DENSE_ROUNDING: f64 = 1e-8;
 
 /// The same by complete decompositions; nothing if rounding may be in the values.
 fn dense_values(problem: &Doubled, count: usize) -> Result<Option<Vec<f64>>, PatchError> {
-    let mut values = Vec::new();
-    for (order, zeros) in [(problem.n(), 1), (problem.interior, 0)] {
-        let all = tridiagonal::eigenvalues(&mut problem.dense(order), order, &mut []);
-        values.extend_from_slice(&all.ok_or(PatchError::NotCertified)?[zeros.min(order)..]);
-    }
-    values.sort_by(f64::total_cmp);
-    values.truncate(count);
+    let reduced = |order: usize| {
+        let (diagonal, off) = tridiagonal::reduce(&mut problem.dense(order), order, &mut []);
+        Tridiagonal::new(&diagonal, &off)
+    };
+    let both = [(reduced(problem.n()), 1), (reduced(problem.interior), 0)];
+    let values = bisection::lowest(&both, count, expected(problem, count)).ok_or(PatchError::NotCertified)?;
     let rounding = f64::EPSILON * problem.norm();
     Ok(values.first().is_some_and(|&lowest| rounding <= DENSE_ROUNDING * lowest).then_some(values))
-}
-
-/// Vertices on no edge that has exactly one face, ascending.
-fn interior_vertices(n: usize, faces: &[[u32; 3]]) -> Vec<u32> {
-    let mut edges: Vec<(u32, u32)> = faces
-        .iter()
-        .flat_map(|&[a, b, c]| [(a.min(b), a.max(b)), (b.min(c), b.max(c)), (c.min(a), c.max(a))])
-        .collect();
-    edges.sort_unstable();
-    let mut inside = vec![true; n];
-    for group in edges.chunk_by(|x, y| x == y) {
-        if let [(a, b)] = *group {
-            inside[a as usize] = false;
-            inside[b as usize] = false;
-        }
-    }
-    (0..n as u32).filter(|&v| inside[v as usize]).collect()
 }

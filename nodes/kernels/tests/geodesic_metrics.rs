@@ -3,7 +3,7 @@
 
 mod geom;
 
-use geom::{Mesh, Random, cylinder, permuted, plane, sphere, torus};
+use geom::{Mesh, Random, cylinder, permuted, plane, relative_errors, sorted, sphere, torus, within};
 use salient_kernels::adjacency;
 use salient_kernels::geodesic::{Geodesics, Graph, Metric};
 use std::f64::consts::TAU;
@@ -21,22 +21,10 @@ fn distances(mesh: &Mesh, metric: Metric, sources: &[u32]) -> Vec<f64> {
 /// Mean and greatest relative deviation |d / exact - 1| from twelve sources, beyond `near`.
 fn deviation(mesh: &Mesh, metric: Metric, near: f64, exact: impl Fn([f64; 3], [f64; 3]) -> f64) -> (f64, f64) {
     let geodesics = prepare(mesh, metric);
-    let (mut search, mut random) = (geodesics.search(), Random(11));
-    let (mut sum, mut count, mut most) = (0.0, 0, 0f64);
-    for _ in 0..12 {
-        let source = random.below(mesh.0.len());
-        for (v, d) in search.distances(&[source as u32]).into_iter().enumerate() {
-            let exact = exact(mesh.0[source], mesh.0[v]);
-            if exact > near {
-                let relative = (d / exact - 1.0).abs();
-                sum += relative;
-                count += 1;
-                most = most.max(relative);
-            }
-        }
-    }
-    assert!(count > 1000);
-    (sum / f64::from(count), most)
+    let mut search = geodesics.search();
+    let errors = relative_errors(&mesh.0, near, exact, |source| search.distances(&[source]));
+    let sum: f64 = errors.iter().map(|e| e.abs()).sum();
+    (sum / errors.len() as f64, errors.iter().fold(0.0, |most, e| e.abs().max(most)))
 }
 
 /// The stated bounds of mean and greatest deviation, in the order of [`METRICS`].
@@ -363,9 +351,7 @@ fn queries_agree_and_repeat_to_the_last_bit() {
         let full = search.distances(&[77]);
         for radius in [0.3, 0.8, 9.0, -1.0, f64::NAN] {
             let ball = search.ball(&[77], radius);
-            let mut expected: Vec<(u32, f64)> = (0u32..).zip(full.iter().copied()).filter(|e| e.1 <= radius).collect();
-            expected.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
-            assert_eq!(ball.inside, expected, "{metric:?}");
+            assert_eq!(sorted(ball.inside), within(&full, radius), "{metric:?}");
             assert!(ball.rim.iter().all(|&(v, d)| d > radius && full[v as usize] == d) || radius.is_nan());
             let graph = Graph::edges(&mesh.0, &mesh.1).unwrap();
             let known = |w: u32| ball.inside.iter().chain(ball.rim).any(|e| e.0 == w);

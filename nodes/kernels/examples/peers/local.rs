@@ -110,7 +110,7 @@ pub fn geodesics(path: &str, count: usize, size: f64, out: &str) -> Result<()> {
                 if radius == f64::INFINITY {
                     return dijkstra.distances(&graph, &[centre]).iter().sum();
                 }
-                dijkstra.ball(&graph, &[centre], radius).inside.iter().map(|v| v.1).sum()
+                dijkstra.within(&graph, &[centre], radius).iter().map(|v| v.1).sum()
             })
             .collect::<Vec<f64>>())
     })?;

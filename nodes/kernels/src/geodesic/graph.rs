@@ -6,8 +6,8 @@ use crate::vec3::{distance, distance2};
 
 /// A link to a neighbour, 12 bytes: the length is split so that it needs no padding.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Link {
-    vertex: u32,
+pub(super) struct Link {
+    pub(super) vertex: u32,
     length: [u32; 2],
 }
 
@@ -19,7 +19,8 @@ impl Link {
         Self { vertex, length: [bits as u32, (bits >> 32) as u32] }
     }
 
-    fn length(self) -> f64 {
+    #[inline]
+    pub(super) fn length(self) -> f64 {
         f64::from_bits(u64::from(self.length[0]) | u64::from(self.length[1]) << 32)
     }
 }
@@ -67,7 +68,7 @@ impl Graph {
     }
 
     /// Two counting sorts, by target and then by source, give rows in ascending order. Of several links between the same two vertices the shortest stays.
-    fn from_pairs(n: usize, pairs: &[([u32; 2], f64)]) -> Self {
+    pub(super) fn from_pairs(n: usize, pairs: &[([u32; 2], f64)]) -> Self {
         let mut offsets = vec![0u32; n + 1];
         for &([a, b], _) in pairs {
             offsets[a as usize + 1] += 1;
@@ -121,8 +122,12 @@ impl Graph {
     /// The neighbours of `v` and the lengths to them, by ascending index. Panics, as slices do, when there is no such vertex.
     #[inline]
     pub fn neighbours(&self, v: u32) -> impl Iterator<Item = (u32, f64)> + '_ {
-        let range = self.offsets[v as usize] as usize..self.offsets[v as usize + 1] as usize;
-        self.links[range].iter().map(|link| (link.vertex, link.length()))
+        self.links(v).iter().map(|link| (link.vertex, link.length()))
+    }
+
+    #[inline]
+    pub(super) fn links(&self, v: u32) -> &[Link] {
+        &self.links[self.offsets[v as usize] as usize..self.offsets[v as usize + 1] as usize]
     }
 }
 

@@ -133,19 +133,19 @@ impl HeatMethod {
         go_on()?;
         let (faces, lengths, unit) = triangulate(vertices, faces, stop)?;
         go_on()?;
-        let mut edges = Vec::with_capacity(3 * faces.len());
+        let mut weights = Vec::with_capacity(3 * faces.len());
         let mut mass = vec![0.0; n];
         let mut flat = Vec::with_capacity(faces.len());
         for (face, (&corners, &sides)) in faces.iter().zip(&lengths).enumerate() {
             let triangle = Triangle::from_lengths(sides).ok_or(HeatError::ZeroAreaFace { face })?;
             for i in 0..3 {
-                edges.push((corners[(i + 1) % 3], corners[(i + 2) % 3], 0.5 * triangle.cotangents[i]));
+                weights.push(0.5 * triangle.cotangents[i]);
                 mass[corners[i] as usize] += triangle.area / 3.0;
             }
             let y = 2.0 * triangle.area / sides[2];
             flat.push(Flat { corners, base: sides[2], x: y * triangle.cotangents[0], y });
         }
-        let stiffness = SymmetricCsr::graph_laplacian(n, &edges);
+        let stiffness = SymmetricCsr::graph_laplacian(n, adjacency::opposite_sides(&faces), &weights);
         let (components, component) = stiffness.components();
         let mut held = vec![u32::MAX; components];
         (0..n as u32).rev().for_each(|v| held[component[v as usize] as usize] = v);
@@ -253,7 +253,10 @@ fn boundary(n: usize, faces: &[[u32; 3]]) -> Result<Vec<bool>, HeatError> {
 /// The greatest extent of a component, about: the farthest from the vertex that is farthest from a first one.
 fn extent(graph: &Graph, first: &[u32]) -> f64 {
     let mut work = Dijkstra::new();
-    let mut farthest = |from: u32| work.ball(graph, &[from], f64::INFINITY).inside.last().copied();
+    let mut farthest = |from: u32| {
+        let all = work.within(graph, &[from], f64::INFINITY).iter().copied();
+        all.max_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)))
+    };
     let across = |&v: &u32| farthest(v).and_then(|(far, _)| farthest(far)).map_or(0.0, |(_, d)| d);
     first.iter().map(across).fold(0.0, f64::max)
 }
@@ -350,9 +353,6 @@ impl HeatSearch {
             } else if heat.graph.neighbours(v).any(|(w, _)| within(distances[w as usize])) {
                 self.rim.push((v, d));
             }
-        }
-        for list in [&mut self.found, &mut self.rim] {
-            list.sort_unstable_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
         }
         Ball { radius, inside: &self.found, rim: &self.rim }
     }

@@ -1,4 +1,4 @@
-//! A priority queue of numbered items by non-negative distance, lowest number first among equals.
+//! Priority queues of numbered items by non-negative distance: one in exact order, lowest number first among equals, and one in buckets.
 
 /// A heap with four children to a node: half the levels of a binary one, and the four keys compared lie in one cache line.
 ///
@@ -61,99 +61,94 @@ fn unpacked(entry: u128) -> (f64, u32) {
     (f64::from_bits((entry >> 32) as u64), entry as u32)
 }
 
-/// Buckets of a [`Calendar`]; a power of two.
-const BUCKETS: usize = 64;
+/// A vertex and its distance.
+pub(super) type Waiting = (u32, f64);
 
-/// The same order from a heap of what comes next and a ring of unsorted buckets of what comes later: most pushes only append, and
-/// the heap holds a few items. For items pushed at most a known step beyond the last one popped.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Calendar {
-    next: Queue,
-    later: Vec<Vec<(f64, u32)>>,
-    waiting: usize,
-    current: u64,
+/// Buckets of a [`Front`], a bit of a word to each.
+const BUCKETS: usize = 64;
+/// Added to a number that is not negative and below it, this puts the nearest integer into the low bits.
+const ROUND: f64 = (1u64 << 52) as f64;
+
+/// Vertices waiting in a ring of unsorted buckets, each a short interval of distances: for items pushed at most a known step beyond the
+/// bucket that is worked on.
+#[derive(Debug, Clone)]
+pub(super) struct Front {
+    buckets: [Vec<Waiting>; BUCKETS],
+    /// Bit i: bucket i is not empty.
+    occupied: u64,
+    at: usize,
     /// Buckets per unit of distance.
     density: f64,
+    /// What [`Front::take`] exchanges a bucket for: its memory.
+    pub(super) spare: Vec<Waiting>,
 }
 
-impl Calendar {
+impl Default for Front {
+    fn default() -> Self {
+        let buckets = [const { Vec::new() }; BUCKETS];
+        Self { buckets, occupied: 0, at: 0, density: 0.0, spare: Vec::new() }
+    }
+}
+
+impl Front {
     /// Empties it, for steps of so much on average and at most.
     pub(super) fn start(&mut self, mean: f64, most: f64) {
-        self.next.clear();
-        self.later.resize_with(BUCKETS, Vec::new);
-        if self.waiting > 0 {
-            self.later.iter_mut().for_each(Vec::clear);
+        while self.advance() {
+            self.buckets[self.at].clear();
+            self.occupied &= !(1 << self.at);
         }
-        (self.waiting, self.current) = (0, 0);
-        let width = (mean / 8.0).max(most / (BUCKETS - 2) as f64);
-        // Without lengths everything is in the first bucket, and that is the heap.
+        self.at = 0;
+        let width = (mean / 4.0).max(most / (BUCKETS - 2) as f64);
+        // Without lengths everything is in the first bucket.
         self.density = if width > 0.0 && (1.0 / width).is_finite() { 1.0 / width } else { 0.0 };
     }
 
-    /// Adds an item. The distance must be finite, and neither negative nor -0.0.
-    pub(super) fn push(&mut self, distance: f64, item: u32) {
-        let bucket = (distance * self.density) as u64;
-        if bucket <= self.current {
-            self.next.push(distance, item);
-        } else {
-            self.later[bucket as usize % BUCKETS].push((distance, item));
-            self.waiting += 1;
+    /// Empty since its start, it goes on from this distance.
+    pub(super) fn resume(&mut self, distance: f64) {
+        self.at = self.bucket(distance);
+    }
+
+    #[inline(always)]
+    fn bucket(&self, distance: f64) -> usize {
+        (distance * self.density + ROUND).to_bits() as usize % BUCKETS
+    }
+
+    /// Adds a vertex. The distance must be finite and not negative.
+    #[inline(always)]
+    pub(super) fn push(&mut self, distance: f64, vertex: u32) {
+        let bucket = self.bucket(distance);
+        self.occupied |= 1 << bucket;
+        self.buckets[bucket].push((vertex, distance));
+    }
+
+    /// Moves on to the next bucket with vertices; false if there is none.
+    pub(super) fn advance(&mut self) -> bool {
+        self.at = (self.at + self.occupied.rotate_right(self.at as u32).trailing_zeros() as usize) % BUCKETS;
+        self.occupied != 0
+    }
+
+    /// Visits all that wait.
+    pub(super) fn for_each(&self, mut visit: impl FnMut(u32)) {
+        let mut left = self.occupied;
+        while left != 0 {
+            self.buckets[left.trailing_zeros() as usize].iter().for_each(|e| visit(e.0));
+            left &= left - 1;
         }
     }
 
-    /// Visits all items, in no particular order.
-    pub(super) fn for_each(&self, mut visit: impl FnMut(f64, u32)) {
-        self.next.0.iter().map(|&entry| unpacked(entry)).for_each(|(distance, item)| visit(distance, item));
-        self.later.iter().flatten().for_each(|&(distance, item)| visit(distance, item));
-    }
-
-    /// Removes and returns the nearest item.
-    pub(super) fn pop(&mut self) -> Option<(f64, u32)> {
-        if let Some(item) = self.next.pop() {
-            return Some(item);
-        }
-        while self.waiting > 0 {
-            self.current += 1;
-            let bucket = &mut self.later[self.current as usize % BUCKETS];
-            if !bucket.is_empty() {
-                self.waiting -= bucket.len();
-                bucket.drain(..).for_each(|(distance, item)| self.next.push(distance, item));
-                return self.next.pop();
-            }
-        }
-        None
+    /// Exchanges the present bucket for an empty list; false if there was nothing in it.
+    #[inline(always)]
+    pub(super) fn take(&mut self, round: &mut Vec<Waiting>) -> bool {
+        round.clear();
+        std::mem::swap(round, &mut self.buckets[self.at]);
+        self.occupied &= !(1 << self.at);
+        !round.is_empty()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_calendar_is_a_queue() {
-        // Steps of very different lengths, none and the longest included, beyond the last item popped.
-        let (mut calendar, mut queue, mut state, mut last) = (Calendar::default(), Queue::default(), 1u32, 0.0);
-        for (mean, most) in [(0.5, 1.0), (0.01, 100.0), (0.0, 0.0)] {
-            calendar.start(mean, most);
-            queue.clear();
-            last *= 0.0;
-            for round in 0..5000u32 {
-                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                let step = most * (f64::from(state >> 8) / f64::from(1 << 24)).powi(1 + (state >> 4 & 7) as i32);
-                calendar.push(last + step, round);
-                queue.push(last + step, round);
-                if round % 2 == 1 {
-                    let found = calendar.pop();
-                    assert_eq!(found, queue.pop());
-                    last = found.map_or(last, |e| e.0);
-                }
-            }
-            while let Some(item) = queue.pop() {
-                assert_eq!(calendar.pop(), Some(item));
-            }
-            assert_eq!(calendar.pop(), None);
-        }
-    }
 
     #[test]
     fn items_leave_in_order() {

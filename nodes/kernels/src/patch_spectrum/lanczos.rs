@@ -122,12 +122,8 @@ impl<'a, const L: usize, const B: usize> Lanczos<'a, L, B> {
         self.factor.solve(&mut w, Self::inner_lanes());
         self.remove_null(&mut w);
         let before = norms::<L, B>(&inner::<L, B>(&w, &w));
-        if j > 0 {
-            subtract::<L, B>(&mut w, &self.basis[j - 1], &transposed::<L, B>(&self.below[j - 1]));
-        }
-        let mut along = inner::<L, B>(&self.basis[j], &w);
-        subtract::<L, B>(&mut w, &self.basis[j], &along);
-        // The recurrence alone loses orthogonality as soon as a value converges.
+        // Against all: the recurrence alone, against the last two, loses orthogonality as soon as a value converges.
+        let mut along = [[0.0; L]; B];
         let mut passes = 0;
         loop {
             let coefficients: Vec<Block<L, B>> = self.basis.iter().map(|q| inner::<L, B>(q, &w)).collect();
@@ -257,10 +253,6 @@ fn error_bound(values: &[f64], squares: &[f64], at: usize) -> f64 {
 
 fn norms<const L: usize, const B: usize>(gram: &Block<L, B>) -> [f64; L] {
     std::array::from_fn(|l| gram[l % B][l].max(0.0).sqrt())
-}
-
-fn transposed<const L: usize, const B: usize>(c: &Block<L, B>) -> Block<L, B> {
-    std::array::from_fn(|i| std::array::from_fn(|l| c[l % B][l / B * B + i]))
 }
 
 fn block_product<const L: usize, const B: usize>(x: &Block<L, B>, y: &Block<L, B>) -> Block<L, B> {

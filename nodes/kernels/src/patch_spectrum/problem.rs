@@ -31,15 +31,19 @@ impl Doubled {
         }
         let area = operator.area();
         let root: Vec<f64> = order.iter().map(|&row| (operator.mass[row as usize] / area).sqrt()).collect();
+        // Half of the entries and the diagonal are in either triangle.
+        let half = usize::midpoint(matrix.columns().len(), n);
         let mut problem = Self {
             interior: interior.len(),
-            starts: vec![0],
-            rows: Vec::new(),
-            upper_starts: vec![0],
-            upper_rows: Vec::new(),
-            entries: Vec::new(),
+            starts: Vec::with_capacity(n + 1),
+            rows: Vec::with_capacity(half),
+            upper_starts: Vec::with_capacity(n + 1),
+            upper_rows: Vec::with_capacity(half),
+            entries: Vec::with_capacity(half),
             root,
         };
+        problem.starts.push(0);
+        problem.upper_starts.push(0);
         let mut column: Vec<(u32, f64)> = Vec::new();
         for at in 0..n {
             column.clear();

@@ -15,10 +15,7 @@ pub(super) fn eigenvalues(a: &mut [f64], n: usize, rows: &mut [Vec<f64>]) -> Opt
     if n == 0 {
         return Some(Vec::new());
     }
-    let (mut diagonal, mut off) = vectorised(
-        #[inline(always)]
-        || tridiagonalise(a, n, rows),
-    );
+    let (mut diagonal, mut off) = reduce(a, n, rows);
     ql(&mut diagonal, &mut off, rows)?;
     let mut order: Vec<usize> = (0..n).collect();
     order.sort_by(|&i, &j| diagonal[i].total_cmp(&diagonal[j]));
@@ -27,6 +24,17 @@ pub(super) fn eigenvalues(a: &mut [f64], n: usize, rows: &mut [Vec<f64>]) -> Opt
     }
     let sorted: Vec<f64> = order.iter().map(|&i| diagonal[i]).collect();
     sorted.iter().all(|x| x.is_finite()).then_some(sorted)
+}
+
+/// The tridiagonal matrix with the same eigenvalues: its diagonal, and what is beside it, `off[i]` between i and i + 1. `rows` as above.
+pub(super) fn reduce(a: &mut [f64], n: usize, rows: &mut [Vec<f64>]) -> (Vec<f64>, Vec<f64>) {
+    if n == 0 {
+        return (Vec::new(), Vec::new());
+    }
+    vectorised(
+        #[inline(always)]
+        || tridiagonalise(a, n, rows),
+    )
 }
 
 #[inline(always)]

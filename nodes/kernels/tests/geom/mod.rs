@@ -133,6 +133,40 @@ pub fn torus(n: usize, m: usize) -> Mesh {
     (vertices, faces)
 }
 
+/// `distances` from twelve vertices over the exact ones beyond `near`, minus one.
+pub fn relative_errors(
+    vertices: &[[f64; 3]],
+    near: f64,
+    exact: impl Fn([f64; 3], [f64; 3]) -> f64,
+    mut distances: impl FnMut(u32) -> Vec<f64>,
+) -> Vec<f64> {
+    let (mut random, mut errors) = (Random(11), Vec::new());
+    for _ in 0..12 {
+        let source = random.below(vertices.len());
+        for (p, d) in vertices.iter().zip(distances(source as u32)) {
+            let exact = exact(vertices[source], *p);
+            if exact > near {
+                errors.push(d / exact - 1.0);
+            }
+        }
+    }
+    assert!(errors.len() > 1000);
+    errors
+}
+
+/// A ball's vertices by (distance, index).
+pub fn sorted(ball: &[(u32, f64)]) -> Vec<(u32, f64)> {
+    let mut all = ball.to_vec();
+    all.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+    all
+}
+
+/// The vertices no farther than `radius`, by (distance, index).
+pub fn within(distances: &[f64], radius: f64) -> Vec<(u32, f64)> {
+    let all: Vec<(u32, f64)> = (0u32..).zip(distances.iter().copied()).filter(|e| e.1 <= radius).collect();
+    sorted(&all)
+}
+
 /// A random reordering of the vertices, and the new index of each old vertex.
 pub fn permuted((vertices, faces): &Mesh, seed: u64) -> (Mesh, Vec<u32>) {
     let mut random = Random(seed);

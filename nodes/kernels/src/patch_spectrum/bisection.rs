@@ -1,0 +1,173 @@
+//! The lowest eigenvalues of symmetric tridiagonal matrices by bisection: each is known by how many lie below it.
+//!
+//! One pass over a matrix counts the eigenvalues below many numbers at once, a number to a lane (Sturm's sequences, by the pivots of T - x I).
+//! Only what is wanted is computed, no step waits for the one before but within a lane, and multiplicity does not matter.
+
+use super::panel::vectorised;
+
+const LANES: usize = 8;
+/// Vectors of lanes that go through a matrix together, so that divisions overlap.
+const VECTORS: usize = 4;
+/// Numbers tried at first.
+const GRID: usize = LANES * VECTORS;
+/// Squares of entries beside the diagonal are at least this: a pivot of zero then gives infinity, not 0 / 0.
+const LEAST_SQUARE: f64 = 1e-290;
+
+type Lanes = [f64; LANES];
+
+/// A symmetric tridiagonal matrix.
+pub(super) struct Tridiagonal {
+    /// Diagonal entries, each with the square of the entry beside it in the column before.
+    rows: Vec<(f64, f64)>,
+    /// Bound of the eigenvalues' magnitudes.
+    norm: f64,
+}
+
+impl Tridiagonal {
+    /// From the diagonal and what is beside it: `off[i]` between i and i + 1.
+    pub fn new(diagonal: &[f64], off: &[f64]) -> Self {
+        let before = |i: usize| if i == 0 { 0.0 } else { off[i - 1] };
+        let row = |i: usize| (diagonal[i], (before(i) * before(i)).max(LEAST_SQUARE));
+        let after = |i: usize| if i + 1 < diagonal.len() { off[i] } else { 0.0 };
+        let radius = |i: usize| diagonal[i].abs() + before(i).abs() + after(i).abs();
+        let largest = |most: f64, x: f64| if x > most || x.is_nan() { x } else { most };
+        Self { rows: (0..diagonal.len()).map(row).collect(), norm: (0..diagonal.len()).map(radius).fold(0.0, largest) }
+    }
+
+    /// How many eigenvalues are below each number.
+    fn below(&self, numbers: &[Lanes]) -> Vec<Lanes> {
+        let mut counts = Vec::with_capacity(numbers.len());
+        for group in numbers.chunks(VECTORS) {
+            match *group {
+                [a] => counts.extend(self.below_each([a])),
+                [a, b] => counts.extend(self.below_each([a, b])),
+                [a, b, c] => counts.extend(self.below_each([a, b, c])),
+                [a, b, c, d] => counts.extend(self.below_each([a, b, c, d])),
+                _ => {}
+            }
+        }
+        counts
+    }
+
+    fn below_each<const V: usize>(&self, numbers: [Lanes; V]) -> [Lanes; V] {
+        vectorised(
+            #[inline(always)]
+            || {
+                let (mut counts, mut pivots) = ([[0.0; LANES]; V], [[1.0; LANES]; V]);
+                for &(diagonal, square) in &self.rows {
+                    for v in 0..V {
+                        for l in 0..LANES {
+                            pivots[v][l] = (diagonal - numbers[v][l]) - square / pivots[v][l];
+                            counts[v][l] += if pivots[v][l] < 0.0 { 1.0 } else { 0.0 };
+                        }
+                    }
+                }
+                counts
+            },
+        )
+    }
+}
+
+/// An eigenvalue by its number, and where it is.
+#[derive(Clone, Copy, Default)]
+struct Bracket {
+    number: f64,
+    low: f64,
+    high: f64,
+}
+
+/// The `count` lowest eigenvalues of all matrices together, ascending, without the first ones of each matrix: as many as the number beside it.
+/// They are positive. `scale` is about the last. `None` if there are not so many, or if an entry is not finite.
+pub(super) fn lowest(matrices: &[(Tridiagonal, usize)], count: usize, scale: f64) -> Option<Vec<f64>> {
+    if !matrices.iter().all(|m| m.0.norm.is_finite()) {
+        return None;
+    }
+    let mut top = scale;
+    let bound = 2.0 * matrices.iter().map(|m| m.0.norm).fold(scale, f64::max);
+    while top <= bound {
+        let grid: Vec<f64> = (1..=GRID).map(|g| top * g as f64 / GRID as f64).collect();
+        let below: Vec<Vec<f64>> = matrices.iter().map(|m| m.0.below(grid.as_chunks().0).concat()).collect();
+        let positive = |m: usize, g: usize| (below[m][g] - matrices[m].1 as f64).max(0.0);
+        let all = |g: &usize| (0..matrices.len()).map(|m| positive(m, *g)).sum::<f64>() >= count as f64;
+        if let Some(cut) = (0..GRID).find(all) {
+            let mut values = Vec::with_capacity(count + count / 2);
+            for (m, (matrix, zeros)) in matrices.iter().enumerate() {
+                let bracket = |number: usize| {
+                    let at = below[m].iter().position(|b| *b > number as f64).unwrap_or(cut);
+                    let low = if at == 0 { 0.0 } else { grid[at - 1] };
+                    Bracket { number: number as f64, low, high: grid[at] }
+                };
+                let brackets = (*zeros..below[m][cut] as usize).map(bracket).collect();
+                values.extend(bisect(matrix, brackets));
+            }
+            values.sort_by(f64::total_cmp);
+            values.truncate(count);
+            return Some(values);
+        }
+        top *= 2.0;
+    }
+    None
+}
+
+/// Halves the brackets, all of which are as wide, until they are as narrow as rounding allows; their middles.
+fn bisect(matrix: &Tridiagonal, mut brackets: Vec<Bracket>) -> Vec<f64> {
+    let wanted = brackets.len();
+    brackets.resize(wanted.next_multiple_of(LANES), Bracket::default());
+    let middle = |b: &Bracket| 0.5 * (b.low + b.high);
+    while brackets.first().is_some_and(|b| b.high - b.low > f64::EPSILON * matrix.norm.max(b.high)) {
+        let numbers: Vec<f64> = brackets.iter().map(middle).collect();
+        let counts = matrix.below(numbers.as_chunks().0);
+        for ((bracket, at), count) in brackets.iter_mut().zip(numbers).zip(counts.into_iter().flatten()) {
+            let above = count > bracket.number;
+            bracket.low = if above { bracket.low } else { at };
+            bracket.high = if above { at } else { bracket.high };
+        }
+    }
+    brackets[..wanted].iter().map(middle).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// -1, 2, -1: eigenvalues 2 - 2 cos(k pi / (n + 1)).
+    fn second_differences(n: usize) -> Tridiagonal {
+        Tridiagonal::new(&vec![2.0; n], &vec![-1.0; n])
+    }
+
+    fn known(n: usize, k: usize) -> f64 {
+        2.0 - 2.0 * (k as f64 * std::f64::consts::PI / (n + 1) as f64).cos()
+    }
+
+    #[test]
+    fn values_of_one_matrix_are_those_known() {
+        for n in [1, 2, 7, 8, 33, 100] {
+            for scale in [1e-3, 1.0, 50.0] {
+                let values = lowest(&[(second_differences(n), 0)], n, scale).expect("n values");
+                let expected: Vec<f64> = (1..=n).map(|k| known(n, k)).collect();
+                assert!(values.iter().zip(&expected).all(|(x, y)| (x - y).abs() < 4e-15), "{n}: {values:?}");
+            }
+        }
+        assert_eq!(lowest(&[(second_differences(5), 1)], 5, 1.0), None);
+    }
+
+    #[test]
+    fn several_matrices_are_merged_with_multiplicity() {
+        let matrices = [(second_differences(20), 1), (second_differences(9), 0), (second_differences(9), 0)];
+        let values = lowest(&matrices, 12, 0.3).expect("twelve values");
+        let mut expected: Vec<f64> =
+            (2..=20).map(|k| known(20, k)).chain((1..=9).flat_map(|k| [known(9, k); 2])).collect();
+        expected.sort_by(f64::total_cmp);
+        assert!(values.len() == 12 && values.iter().zip(&expected).all(|(x, y)| (x - y).abs() < 4e-15), "{values:?}");
+    }
+
+    #[test]
+    fn matrices_that_split_and_those_that_are_broken() {
+        // Zeros beside the diagonal, and a number that is an eigenvalue and a pivot of zero on the grid.
+        let split = Tridiagonal::new(&[3.0, 1.0, 1.0, 2.0, 1.0], &[0.0; 5]);
+        let values = lowest(&[(split, 0)], 5, 4.0).expect("five values");
+        assert!(values.iter().zip([1.0, 1.0, 1.0, 2.0, 3.0]).all(|(x, y)| (x - y).abs() < 1e-15), "{values:?}");
+        assert_eq!(lowest(&[(Tridiagonal::new(&[1.0, f64::NAN], &[0.0; 2]), 0)], 1, 1.0), None);
+        assert_eq!(lowest(&[], 1, 1.0), None);
+    }
+}
