@@ -10,6 +10,8 @@ pub mod laplacian;
 pub mod nearest;
 pub mod patch_spectrum;
 pub mod random;
+pub mod retrieval;
+pub mod signature;
 pub mod simplify;
 pub mod sparse;
 mod surgery;
