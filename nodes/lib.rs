@@ -28,6 +28,7 @@ pub mod similarity;
 pub mod simplify;
 pub mod spectral_signature;
 pub mod synthesize;
+pub mod synthesize_object;
 pub mod truth;
 pub mod volume_signature;
 
@@ -58,6 +59,7 @@ pub static NODES: &[&dyn AnyNode] = &[
     &signature_similarity::SignatureSimilarity,
     &simplify::Simplify,
     &synthesize::Synthesize,
+    &synthesize_object::SynthesizeObject,
     &volume_signature::ViewSignature,
     &volume_signature::VolumeSignature,
     &spectral_signature::WaveSignature,

@@ -8,6 +8,7 @@ pub mod eigen;
 pub mod geodesic;
 pub mod laplacian;
 pub mod nearest;
+pub mod object;
 pub mod patch_spectrum;
 pub mod random;
 pub mod retrieval;

@@ -11,6 +11,8 @@ mod skeleton;
 mod skin;
 mod surface;
 
+pub(crate) use grid::march;
+pub(crate) use skin::rotate;
 pub use skeleton::Species;
 pub use surface::RestSurface;
 
