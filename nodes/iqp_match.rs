@@ -33,6 +33,7 @@ use crate::patch_spectrum::Features;
 
 mod matched;
 mod model;
+mod quick;
 mod stretch;
 mod twin;
 
@@ -257,25 +258,45 @@ impl Node for IqpMatch {
     }
 }
 
-/// What the best match found by `effort` comes to, without its pairs, proof and twins: for ranking, where there are many pairs.
-pub(crate) fn outcome(
+/// One match of a quick search, and what it earns: together with the others half of its pairs' terms.
+pub(crate) struct Earned {
+    pub left: usize,
+    pub right: usize,
+    pub distance: f64,
+    pub alone: f64,
+    pub together: f64,
+}
+
+/// What a good match comes to, without proof and twins: for ranking, where there are many pairs.
+pub(crate) fn outcome(left: &Features, right: &Features, params: &Params, passes: usize, cx: Context) -> Result<PairScore, NodeError> {
+    explained(left, right, params, passes, cx).map(|(score, _)| score)
+}
+
+/// The same, with its terms.
+pub(crate) fn explained(
     left: &Features,
     right: &Features,
     params: &Params,
-    effort: &Limits,
+    passes: usize,
     cx: Context,
-) -> Result<PairScore, NodeError> {
-    let stretch = stretch::search(left, right, params, cx)?;
-    let model = Model::new(left, right, params, stretch);
-    let problem = model.problem(|_| 0.0).map_err(|e| unbuildable(&e))?;
-    let control = Control { stop: &|| cx.cancelled(), progress: &|_| {} };
-    let solution = assignment::solve(&problem, effort, &control).map_err(unsolvable)?;
-    cx.check()?;
-    Ok(PairScore {
-        objective: solution.objective,
-        descriptors: solution.candidates.iter().map(|a| model.alone(&model.candidates[*a])).sum(),
-        matched: solution.candidates.len() as u32,
-    })
+) -> Result<(PairScore, Vec<Earned>), NodeError> {
+    let mut best: Option<(PairScore, Vec<Earned>)> = None;
+    for log in stretch::factors(params) {
+        cx.check()?;
+        let model = Model::new(left, right, params, log.exp());
+        let found = quick::best(&model, passes);
+        let unmatched = left.features.len() + right.features.len() - 2 * found.len();
+        let sum = |of: fn(&Earned) -> f64| found.iter().map(of).sum::<f64>();
+        let score = PairScore {
+            objective: sum(|t| t.alone + t.together) - params.unmatched * unmatched as f64,
+            descriptors: sum(|t| t.alone),
+            matched: found.len() as u32,
+        };
+        if best.as_ref().is_none_or(|(b, _)| score.objective > b.objective) {
+            best = Some((score, found));
+        }
+    }
+    best.ok_or_else(|| NodeError::new("no factor between the lengths was tried"))
 }
 
 /// The objective of a shape matched with itself, each described feature with itself.

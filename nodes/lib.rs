@@ -2,10 +2,13 @@
 
 pub mod cut;
 pub mod differences;
+pub mod diffuse;
 pub mod eigensolve;
 pub mod evaluate_match;
 pub mod evaluate_repeatability;
+pub mod explain_match;
 pub mod feature;
+pub mod fuse;
 pub mod iqp_match;
 pub mod laplacian;
 pub mod load;
@@ -21,6 +24,7 @@ pub mod reconstruction_energy;
 pub mod retrieval_metrics;
 pub mod score;
 pub mod shape_dna;
+pub mod shortlist;
 pub mod shuffle;
 pub mod signature;
 pub mod signature_similarity;
@@ -37,9 +41,12 @@ use salient_sdk::AnyNode;
 /// All nodes of this package.
 pub static NODES: &[&dyn AnyNode] = &[
     &cut::Cut,
+    &diffuse::Diffuse,
     &eigensolve::Eigensolve,
     &evaluate_match::EvaluateMatch,
     &evaluate_repeatability::EvaluateRepeatability,
+    &explain_match::ExplainMatch,
+    &fuse::Fuse,
     &spectral_signature::HeatSignature,
     &iqp_match::IqpMatch,
     &laplacian::Laplacian,
@@ -55,6 +62,7 @@ pub static NODES: &[&dyn AnyNode] = &[
     &retrieval_metrics::RetrievalMetrics,
     &score::Score,
     &shape_dna::ShapeDna,
+    &shortlist::Shortlist,
     &shuffle::Shuffle,
     &signature_similarity::SignatureSimilarity,
     &simplify::Simplify,

@@ -6,7 +6,6 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use salient_kernels::assignment::Limits;
 use salient_sdk::{Context, Inputs, ItemHasher, ItemKey, Memo, Node, NodeError, Port, PortValues};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -57,12 +56,9 @@ pub struct Params {
     /// The query's lengths may differ from the target's by a factor up to this, which is searched: for parts. 1 to 10, default 1.
     #[schemars(range(min = 1.0, max = 10.0))]
     pub stretch: f64,
-    /// Runs of the tabu search on each pair. 0 to 1000, default 1; 0 takes the greedy match.
+    /// Passes of local search over each match, at most. 0 to 1000, default 10; 0 takes the spectral match as it is.
     #[schemars(range(min = 0, max = 1000))]
-    pub runs: u32,
-    /// Moves without improvement that end a run. 0 to 10,000, default 30.
-    #[schemars(range(min = 0, max = 10_000))]
-    pub idle: u32,
+    pub passes: u32,
 }
 
 impl Default for Params {
@@ -77,8 +73,7 @@ impl Default for Params {
             sigma_geodesic: Some(0.15),
             sigma_scale: Some(0.15),
             stretch: 1.0,
-            runs: 1,
-            idle: 30,
+            passes: 10,
         }
     }
 }
@@ -158,6 +153,9 @@ impl Node for MatchAll {
 
     fn run(params: &Params, inputs: In, cx: Context) -> Result<PairScores, NodeError> {
         let In { queries, targets, missing, shortlist } = inputs;
+        if queries.is_empty() || targets.is_empty() {
+            return Err(NodeError::new(format!("there are no features: all {} shapes failed", missing.len())));
+        }
         let mut table = Table::new(params);
         let q: Vec<usize> = queries.iter().map(|(_, features)| table.add(features)).collect();
         let t: Vec<usize> = targets.iter().map(|(_, features)| table.add(features)).collect();
@@ -220,7 +218,6 @@ fn chosen<'a>(
 struct Table<'a> {
     params: &'a Params,
     matching: iqp_match::Params,
-    effort: Limits,
     features: Vec<Features>,
     shapes: Vec<Shape>,
     keys: Vec<ItemKey>,
@@ -229,15 +226,8 @@ struct Table<'a> {
 
 impl<'a> Table<'a> {
     fn new(params: &'a Params) -> Self {
-        let effort = Limits {
-            node_limit: 0,
-            root_rounds: 0,
-            starts: params.runs as usize,
-            idle_moves: params.idle as usize,
-            ..Limits::default()
-        };
         let (features, shapes, keys, known) = Default::default();
-        Self { params, matching: params.matching(), effort, features, shapes, keys, known }
+        Self { params, matching: params.matching(), features, shapes, keys, known }
     }
 
     /// The index of a shape, added if there is none of this content.
@@ -287,7 +277,7 @@ impl Memo for Table<'_> {
 
     fn scope(&self) -> Value {
         // The number of features is in the content.
-        json!({ "matching": self.matching, "runs": self.params.runs, "idle": self.params.idle })
+        json!({ "matching": self.matching, "passes": self.params.passes })
     }
 
     fn content(&self, (a, b): &(usize, usize), hash: &mut ItemHasher) {
@@ -296,7 +286,7 @@ impl Memo for Table<'_> {
     }
 
     fn compute(&self, (a, b): &(usize, usize), cx: Context) -> Result<PairScore, NodeError> {
-        iqp_match::outcome(&self.features[*a], &self.features[*b], &self.matching, &self.effort, cx)
+        iqp_match::outcome(&self.features[*a], &self.features[*b], &self.matching, self.params.passes as usize, cx)
     }
 
     fn encode(&self, value: &PairScore) -> Option<Vec<u8>> {

@@ -63,6 +63,8 @@ pub struct Figures {
     pub dcg: f64,
     /// Mean average precision.
     pub map: f64,
+    /// Share of the class that is in the list at all: 1 but for lists cut short by `rank(top: ..)`, such as a shortlist.
+    pub recall: f64,
     /// Interpolated precision, as [recall, precision], at recall 0, 0.1, ... 1.
     pub precision_recall: Vec<[f64; 2]>,
 }
@@ -80,6 +82,7 @@ impl Figures {
             e: m.e,
             dcg: m.dcg,
             map: m.map,
+            recall: m.recall,
             precision_recall: m.precision.iter().enumerate().map(|(i, p)| [level(i), *p]).collect(),
         })
     }
@@ -164,6 +167,9 @@ impl Artefact for Metrics {
             ("DCG", number(f.dcg)),
             ("mAP", number(f.map)),
         ];
+        if f.recall < 1.0 {
+            lines.push(("recall", number(f.recall)));
+        }
         lines.extend(missing_line(&self.failed));
         let others = [("unlabelled", &self.unlabelled), ("alone in its class", &self.alone)];
         let line = |(label, names): (&'static str, &Vec<String>)| missing_line(names).map(|(_, text)| (label, text));

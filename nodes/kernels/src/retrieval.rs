@@ -8,6 +8,7 @@
 //! - *E*: 2 / (1/P + 1/R), precision and recall of the first 32;
 //! - *DCG*: sum of G_1 and G_i / log2(i), G_i = 1 where the i-th is of the class, over its greatest possible value;
 //! - *average precision*: the mean of the precisions at the places of the class; what is not in the list counts 0;
+//! - *recall*: the share of the class that is in the list at all, which for a list of all is 1;
 //! - *precision at a recall* of 0, 0.1, ... 1: the greatest precision at that recall or a higher one.
 
 /// How many retrieved shapes the E-measure looks at.
@@ -31,6 +32,8 @@ pub struct Merit {
     pub dcg: f64,
     /// Average precision.
     pub map: f64,
+    /// Recall of the whole list.
+    pub recall: f64,
     /// Precision at recall 0, 0.1, ... 1.
     pub precision: [f64; LEVELS],
 }
@@ -69,6 +72,7 @@ impl Merit {
             e: 2.0 * page / (relevant.len().min(PAGE) as f64 + c),
             dcg: gain / ideal,
             map: precisions.iter().sum::<f64>() / c,
+            recall: found / c,
             precision,
         })
     }
@@ -86,7 +90,7 @@ impl Merit {
     }
 
     fn values(&self) -> impl Iterator<Item = f64> + '_ {
-        [self.nn, self.first_tier, self.second_tier, self.e, self.dcg, self.map].into_iter().chain(self.precision)
+        [self.nn, self.first_tier, self.second_tier, self.e, self.dcg, self.map, self.recall].into_iter().chain(self.precision)
     }
 
     fn values_mut(&mut self) -> impl Iterator<Item = &mut f64> {
@@ -97,6 +101,7 @@ impl Merit {
             &mut self.e,
             &mut self.dcg,
             &mut self.map,
+            &mut self.recall,
         ]
         .into_iter()
         .chain(&mut self.precision)
