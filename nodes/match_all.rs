@@ -29,7 +29,7 @@ pub enum Reading {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Params {
-    /// How many features of each shape are matched, the first ones. At least 1, default 40.
+    /// How many features of each shape are matched, the first ones. At least 1, default 50.
     #[schemars(range(min = 1))]
     pub features: u32,
     /// `Robust` (default) or `Paper`, as in `corrected.ron`; the paper's has `agreement: 0` and no sigmas, too.
@@ -37,7 +37,7 @@ pub struct Params {
     /// Candidates of each feature, as in `iqp_match`. 1 to 1000, default 3.
     #[schemars(range(min = 1, max = 1000))]
     pub candidates: u32,
-    /// Weight of the descriptors' term against the relations'. At least 0, default 1.
+    /// Weight of the descriptors' term against the relations'. At least 0, default 5 (paper: 1).
     #[schemars(range(min = 0.0))]
     pub beta: f64,
     /// How well two matches must agree to support each other, as in `iqp_match`. 0 to 1, default 0.5.
@@ -64,10 +64,10 @@ pub struct Params {
 impl Default for Params {
     fn default() -> Self {
         Self {
-            features: 40,
+            features: 50,
             reading: Reading::Robust,
             candidates: 3,
-            beta: 1.0,
+            beta: 5.0,
             agreement: 0.5,
             sigma_descriptor: Some(0.5),
             sigma_geodesic: Some(0.15),
