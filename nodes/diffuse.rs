@@ -20,14 +20,14 @@ pub struct Params {
     /// Nearest neighbours of each shape that it is linked with. At least 1, default 10.
     #[schemars(range(min = 1))]
     pub neighbours: u32,
-    /// How far similarity spreads: 0 is not at all. 0 to 0.99, default 0.9.
+    /// How far similarity spreads: 0 is not at all. 0 to 0.99, default 0.8.
     #[schemars(range(min = 0.0, max = 0.99))]
     pub alpha: f64,
 }
 
 impl Default for Params {
     fn default() -> Self {
-        Self { neighbours: 10, alpha: 0.9 }
+        Self { neighbours: 10, alpha: 0.8 }
     }
 }
 
@@ -65,8 +65,10 @@ impl Node for Diffuse {
 
     fn run(params: &Params, In { similarity }: In, cx: Context) -> Result<Similarity, NodeError> {
         if !similarity.is_square() {
-            return Err(NodeError::new("the queries are not the targets: only a database against itself can be diffused")
-                .help("gather the same shapes as queries and targets"));
+            return Err(NodeError::new(
+                "the queries are not the targets: only a database against itself can be diffused",
+            )
+            .help("gather the same shapes as queries and targets"));
         }
         let graph = Graph::new(&similarity, params.neighbours as usize);
         let columns: Vec<usize> = (0..similarity.queries.len()).collect();
@@ -118,7 +120,8 @@ impl Graph {
             row.sort_by_key(|(j, _)| *j);
             row.dedup_by_key(|(j, _)| *j);
         }
-        let degree: Vec<f64> = rows.iter().map(|row| row.iter().map(|(_, w)| w).sum::<f64>().max(f64::MIN_POSITIVE)).collect();
+        let degree: Vec<f64> =
+            rows.iter().map(|row| row.iter().map(|(_, w)| w).sum::<f64>().max(f64::MIN_POSITIVE)).collect();
         for (i, row) in rows.iter_mut().enumerate() {
             row.iter_mut().for_each(|(j, w)| *w /= degree[i].sqrt() * degree[*j].sqrt());
         }
@@ -129,7 +132,8 @@ impl Graph {
     fn spread(&self, i: usize, alpha: f64) -> Vec<f64> {
         let n = self.0.len();
         let apply = |x: &[f64]| -> Vec<f64> {
-            let row = |(k, row): (usize, &Vec<(usize, f64)>)| x[k] - alpha * row.iter().map(|(j, w)| w * x[*j]).sum::<f64>();
+            let row =
+                |(k, row): (usize, &Vec<(usize, f64)>)| x[k] - alpha * row.iter().map(|(j, w)| w * x[*j]).sum::<f64>();
             self.0.iter().enumerate().map(row).collect()
         };
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
@@ -181,7 +185,8 @@ mod tests {
         for i in 0..5 {
             for k in 0..5 {
                 // Row k of (I - alpha P) times column i of the result is the unit matrix times 1 - alpha.
-                let product = spread.row(i)[k] - alpha * graph.0[k].iter().map(|(j, w)| w * spread.row(i)[*j]).sum::<f64>();
+                let product =
+                    spread.row(i)[k] - alpha * graph.0[k].iter().map(|(j, w)| w * spread.row(i)[*j]).sum::<f64>();
                 let unit = if i == k { 1.0 - alpha } else { 0.0 };
                 assert!((product - unit).abs() < 1e-10, "{i} {k}: {product}");
                 assert!((spread.row(i)[k] - spread.row(k)[i]).abs() < 1e-10);

@@ -90,7 +90,10 @@ impl Artefact for Explanation {
 
     fn summary(&self) -> Vec<(&'static str, String)> {
         let mut lines = vec![
-            ("score", format!("{:.4} = {:.2} / sqrt({:.2} * {:.2})", self.score, self.objective, self.own[0], self.own[1])),
+            (
+                "score",
+                format!("{:.4} = {:.2} / sqrt({:.2} * {:.2})", self.score, self.objective, self.own[0], self.own[1]),
+            ),
             ("matches", self.terms.len().to_string()),
         ];
         lines.extend(self.terms.iter().take(10).map(|t| {
@@ -105,9 +108,10 @@ impl Artefact for Explanation {
 
     fn table(&self) -> Option<Table> {
         let values = self.terms.first().map_or(0, |t| t.left.descriptor.len());
-        let mut columns: Vec<String> = ["left_vertex", "right_vertex", "alone", "together", "descriptor_distance", "left_scale", "right_scale"]
-            .map(str::to_owned)
-            .to_vec();
+        let mut columns: Vec<String> =
+            ["left_vertex", "right_vertex", "alone", "together", "descriptor_distance", "left_scale", "right_scale"]
+                .map(str::to_owned)
+                .to_vec();
         for side in ["left", "right"] {
             columns.extend((1..=values).map(|k| format!("{side}_d{k}")));
         }

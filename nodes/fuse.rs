@@ -26,7 +26,8 @@ pub struct In {
 }
 
 impl Inputs for In {
-    const PORTS: &'static [Port] = &[Port::many::<Similarity>("similarities", "how alike the same shapes are, by several measures")];
+    const PORTS: &'static [Port] =
+        &[Port::many::<Similarity>("similarities", "how alike the same shapes are, by several measures")];
     fn take(from: &mut PortValues) -> Result<Self, NodeError> {
         Ok(Self { similarities: from.many("similarities")?.into_iter().map(|(_, s)| s).collect() })
     }
@@ -77,7 +78,8 @@ impl Node for Fuse {
         let mut missing = Vec::new();
         let mut compared: Option<Vec<u32>> = None;
         for (s, weight) in similarities.iter().zip(&weights) {
-            let lost = |all: &[String], kept: &[String]| all.iter().filter(|n| !kept.contains(n)).cloned().collect::<Vec<_>>();
+            let lost =
+                |all: &[String], kept: &[String]| all.iter().filter(|n| !kept.contains(n)).cloned().collect::<Vec<_>>();
             missing = united(&missing, &s.missing);
             missing = united(&missing, &united(&lost(&s.queries, &queries), &lost(&s.targets, &targets)));
             let (rows, columns) = (places(&s.queries, &queries), places(&s.targets, &targets));
@@ -91,7 +93,8 @@ impl Node for Fuse {
                 all.iter_mut().zip(&at).for_each(|(c, i)| *c &= of[*i]);
             }
         }
-        let names: Vec<&str> = similarities.iter().zip(&weights).filter(|(_, w)| **w > 0.0).map(|(s, _)| s.measure.as_str()).collect();
+        let names: Vec<&str> =
+            similarities.iter().zip(&weights).filter(|(_, w)| **w > 0.0).map(|(s, _)| s.measure.as_str()).collect();
         Ok(Similarity { measure: names.join(" + "), queries, targets, values, compared, missing })
     }
 }

@@ -268,7 +268,13 @@ pub(crate) struct Earned {
 }
 
 /// What a good match comes to, without proof and twins: for ranking, where there are many pairs.
-pub(crate) fn outcome(left: &Features, right: &Features, params: &Params, passes: usize, cx: Context) -> Result<PairScore, NodeError> {
+pub(crate) fn outcome(
+    left: &Features,
+    right: &Features,
+    params: &Params,
+    passes: usize,
+    cx: Context,
+) -> Result<PairScore, NodeError> {
     explained(left, right, params, passes, cx).map(|(score, _)| score)
 }
 
@@ -306,7 +312,8 @@ pub(crate) fn own(shape: &Features, params: &Params) -> f64 {
     let supports: usize = described.iter().map(|i| reached(*i)).sum();
     let unmatched = 2 * (shape.features.len() - described.len());
     // Every kernel is 1 at 0, and H counts each pair twice.
-    params.beta * described.len() as f64 + (1.0 - params.agreement) * supports as f64 - params.unmatched * unmatched as f64
+    params.beta * described.len() as f64 + (1.0 - params.agreement) * supports as f64
+        - params.unmatched * unmatched as f64
 }
 
 fn unbuildable(e: &assignment::ProblemError) -> NodeError {

@@ -115,7 +115,10 @@ type Named = Vec<(String, Arc<Features>)>;
 impl Inputs for In {
     const PORTS: &'static [Port] = &[
         Port::surviving::<Features>("queries", "features of the shapes to look for"),
-        Port::surviving::<Features>("targets", "features of the database; the same as the queries to rank it against itself"),
+        Port::surviving::<Features>(
+            "targets",
+            "features of the database; the same as the queries to rank it against itself",
+        ),
         Port::optional::<Similarity>("shortlist", "which pairs are matched, from `shortlist`; without it, all are"),
     ];
     fn take(from: &mut PortValues) -> Result<Self, NodeError> {
@@ -176,7 +179,11 @@ impl Node for MatchAll {
         let found = cx.map_memo(&table, &items)?;
         let itself = |a: usize| {
             let features = table.shapes[a].features;
-            PairScore { objective: table.shapes[a].own, descriptors: params.beta * f64::from(features), matched: features }
+            PairScore {
+                objective: table.shapes[a].own,
+                descriptors: params.beta * f64::from(features),
+                matched: features,
+            }
         };
         let mut pairs = Vec::with_capacity(q.len() * t.len());
         for (i, a) in q.iter().enumerate() {
@@ -186,7 +193,8 @@ impl Node for MatchAll {
             }
         }
         let named = |names: &Named, at: &[usize]| {
-            let shape = |((name, _), a): (&(String, _), &usize)| Shape { name: name.clone(), ..table.shapes[*a].clone() };
+            let shape =
+                |((name, _), a): (&(String, _), &usize)| Shape { name: name.clone(), ..table.shapes[*a].clone() };
             names.iter().zip(at).map(shape).collect()
         };
         Ok(PairScores { queries: named(&queries, &q), targets: named(&targets, &t), pairs, missing })
@@ -200,7 +208,8 @@ fn chosen<'a>(
     targets: &[(String, Arc<Features>)],
 ) -> Result<Box<dyn Fn(usize, usize) -> bool + 'a>, NodeError> {
     let Some(list) = shortlist else { return Ok(Box::new(|_, _| true)) };
-    let index = |names: &'a [String]| names.iter().enumerate().map(|(i, n)| (n.as_str(), i)).collect::<BTreeMap<_, _>>();
+    let index =
+        |names: &'a [String]| names.iter().enumerate().map(|(i, n)| (n.as_str(), i)).collect::<BTreeMap<_, _>>();
     let (rows, columns) = (index(&list.queries), index(&list.targets));
     let find = |names: &[(String, Arc<Features>)], known: &BTreeMap<&str, usize>| {
         let one = |(name, _): &(String, _)| {
@@ -250,7 +259,11 @@ impl<'a> Table<'a> {
         let mut all: Vec<usize> = self.features.iter().map(|f| f.values).collect();
         all.sort_unstable();
         all.dedup();
-        if all.len() <= 1 { Ok(()) } else { Err(NodeError::new(format!("descriptors have different numbers of values: {all:?}"))) }
+        if all.len() <= 1 {
+            Ok(())
+        } else {
+            Err(NodeError::new(format!("descriptors have different numbers of values: {all:?}")))
+        }
     }
 }
 
@@ -296,7 +309,8 @@ impl Memo for Table<'_> {
 
     fn decode(&self, bytes: &[u8]) -> Option<PairScore> {
         let (numbers, []) = bytes.as_chunks() else { return None };
-        let [objective, descriptors, matched] = numbers.iter().map(|b| f64::from_le_bytes(*b)).collect::<Vec<_>>()[..] else {
+        let [objective, descriptors, matched] = numbers.iter().map(|b| f64::from_le_bytes(*b)).collect::<Vec<_>>()[..]
+        else {
             return None;
         };
         Some(PairScore { objective, descriptors, matched: matched as u32 })

@@ -50,7 +50,8 @@ impl Artefact for PairScores {
 
     fn encode(&self, out: &mut Encoder) {
         let shape = [self.queries.len(), self.targets.len()];
-        let of = |get: fn(&PairScore) -> f64| self.pairs.iter().map(|p| p.as_ref().map_or(0.0, get)).collect::<Vec<_>>();
+        let of =
+            |get: fn(&PairScore) -> f64| self.pairs.iter().map(|p| p.as_ref().map_or(0.0, get)).collect::<Vec<_>>();
         out.f64("objective", &of(|p| p.objective), &shape);
         out.f64("descriptors", &of(|p| p.descriptors), &shape);
         let matched: Vec<u32> = self.pairs.iter().map(|p| p.map_or(0, |p| p.matched)).collect();

@@ -102,7 +102,8 @@ impl Artefact for Ranking {
 
     fn json(&self) -> Value {
         let entry = |(target, score): (&str, f64)| json!({ "target": target, "score": score });
-        let list = |q: usize| json!({ "query": self.queries[q], "ranked": self.list(q).map(entry).collect::<Vec<_>>() });
+        let list =
+            |q: usize| json!({ "query": self.queries[q], "ranked": self.list(q).map(entry).collect::<Vec<_>>() });
         json!({
             "measure": self.measure,
             "lists": (0..self.queries.len()).map(list).collect::<Vec<_>>(),
@@ -137,7 +138,8 @@ pub struct Rank;
 impl Node for Rank {
     const KIND: &'static str = "rank";
     const VERSION: u32 = 1;
-    const DOC: &'static str = "For each query all targets, the most alike first; equal ones by name. The query itself is left out.";
+    const DOC: &'static str =
+        "For each query all targets, the most alike first; equal ones by name. The query itself is left out.";
     const EXAMPLE: &'static str = r#"
         "a":          synthesize(pose: 0),
         "b":          synthesize(species: Horse),

@@ -273,7 +273,8 @@ fn evaluate(ranking: &Ranking, class: impl Fn(&str) -> Option<String>) -> Result
             ranking.queries.len(),
             of_query.iter().filter(|c| c.is_none()).count()
         );
-        return Err(NodeError::new(message).help("are the ids of the labels the names of the files, without folder and extension?"));
+        return Err(NodeError::new(message)
+            .help("are the ids of the labels the names of the files, without folder and extension?"));
     };
     if classes.len() == 1 {
         return Err(NodeError::new(format!("all shapes are of one class, `{}`: any order is right", classes[0]))

@@ -64,7 +64,10 @@ pub struct In {
 impl Inputs for In {
     const PORTS: &'static [Port] = &[
         Port::one::<PairScores>("scores", "what matching came to"),
-        Port::optional::<Similarity>("rest", "the order of targets that were not compared, behind those that were; it must be given if there are any"),
+        Port::optional::<Similarity>(
+            "rest",
+            "the order of targets that were not compared, behind those that were; it must be given if there are any",
+        ),
     ];
     fn take(from: &mut PortValues) -> Result<Self, NodeError> {
         Ok(Self { scores: from.one("scores")?, rest: from.optional("rest")? })

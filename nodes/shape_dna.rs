@@ -53,7 +53,8 @@ pub struct ShapeDna;
 impl Node for ShapeDna {
     const KIND: &'static str = "shape_dna";
     const VERSION: u32 = 1;
-    const DOC: &'static str = "ShapeDNA: the logarithms of the first eigenvalues above zero times the area (Reuter, Wolter & Peinecke 2006).";
+    const DOC: &'static str =
+        "ShapeDNA: the logarithms of the first eigenvalues above zero times the area (Reuter, Wolter & Peinecke 2006).";
     const EXAMPLE: &'static str = r#"
         "mesh":      synthesize(),
         "laplacian": laplacian(mesh: "mesh"),

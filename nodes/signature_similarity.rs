@@ -41,7 +41,8 @@ pub struct In {
 }
 
 impl Inputs for In {
-    const PORTS: &'static [Port] = &[Port::surviving::<Signature>("signatures", "signatures of all shapes, of one kind")];
+    const PORTS: &'static [Port] =
+        &[Port::surviving::<Signature>("signatures", "signatures of all shapes, of one kind")];
     fn take(from: &mut PortValues) -> Result<Self, NodeError> {
         Ok(Self { missing: from.missing("signatures"), signatures: from.many("signatures")? })
     }
@@ -53,7 +54,8 @@ pub struct SignatureSimilarity;
 impl Node for SignatureSimilarity {
     const KIND: &'static str = "signature_similarity";
     const VERSION: u32 = 1;
-    const DOC: &'static str = "How near the signatures of shapes are: the negative distance of each two. Shapes that failed are listed.";
+    const DOC: &'static str =
+        "How near the signatures of shapes are: the negative distance of each two. Shapes that failed are listed.";
     const EXAMPLE: &'static str = r#"
         "a":     synthesize(pose: 0),
         "b":     synthesize(pose: 1),
@@ -81,7 +83,10 @@ impl Node for SignatureSimilarity {
         }
         let rows = cx.map(&signatures, |_, (_, a)| {
             // Not -0.0 for equal ones.
-            Ok(signatures.iter().map(|(_, b)| 0.0 - distance(&a.values, &b.values, params.distance)).collect::<Vec<f64>>())
+            Ok(signatures
+                .iter()
+                .map(|(_, b)| 0.0 - distance(&a.values, &b.values, params.distance))
+                .collect::<Vec<f64>>())
         })?;
         let names: Vec<String> = signatures.iter().map(|(name, _)| name.clone()).collect();
         Ok(Similarity {

@@ -48,7 +48,8 @@ impl Similarity {
             other.queries.len(),
             other.targets.len()
         );
-        Err(NodeError::new(message).help("wire similarities of the same shapes, gathered by `all(..)` along the same axes"))
+        Err(NodeError::new(message)
+            .help("wire similarities of the same shapes, gathered by `all(..)` along the same axes"))
     }
 }
 
@@ -97,7 +98,14 @@ impl Artefact for Similarity {
             return Err(FormatError(format!("values of shape {shape:?} for {expected:?} names")));
         }
         let compared = compared.map(|(compared, _)| compared);
-        Ok(Self { measure: from.header("measure")?, queries, targets, values, compared, missing: from.header("missing")? })
+        Ok(Self {
+            measure: from.header("measure")?,
+            queries,
+            targets,
+            values,
+            compared,
+            missing: from.header("missing")?,
+        })
     }
 
     fn json(&self) -> Value {

@@ -63,6 +63,9 @@ fn parse(model: &str) -> Result<(&str, u64), String> {
     let parts = model.split_once('-').and_then(|(family, seed)| Some((family, seed.parse().ok()?)));
     match parts {
         Some((family, seed)) if families().contains(&family) => Ok((family, seed)),
-        _ => Err(format!("`{model}` is not a family and a number, such as `chair-3`; families: {}", families().join(", "))),
+        _ => Err(format!(
+            "`{model}` is not a family and a number, such as `chair-3`; families: {}",
+            families().join(", ")
+        )),
     }
 }

@@ -53,7 +53,8 @@ impl Search {
                 (together[i * m + j], together[j * m + i]) = (value, value);
             }
         }
-        let count = |side: fn(&[usize; 2]) -> usize, ends: &[[usize; 2]]| ends.iter().map(side).max().map_or(0, |n| n + 1);
+        let count =
+            |side: fn(&[usize; 2]) -> usize, ends: &[[usize; 2]]| ends.iter().map(side).max().map_or(0, |n| n + 1);
         let ends: Vec<[usize; 2]> = c.iter().map(|c| [c.left, c.right]).collect();
         let at = [vec![None; count(|e| e[0], &ends)], vec![None; count(|e| e[1], &ends)]];
         let alone: Vec<f64> = c.iter().map(|c| model.alone(c)).collect();
@@ -70,7 +71,8 @@ impl Search {
         let m = self.ends.len();
         let mut x = vec![1.0; m];
         for _ in 0..PRODUCTS {
-            let product = |a: usize| self.alone[a] * x[a] + self.row(a).iter().zip(&x).map(|(h, x)| h.max(0.0) * x).sum::<f64>();
+            let product =
+                |a: usize| self.alone[a] * x[a] + self.row(a).iter().zip(&x).map(|(h, x)| h.max(0.0) * x).sum::<f64>();
             let next: Vec<f64> = (0..m).map(product).collect();
             let largest = next.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
             x = next.into_iter().map(|v| v / largest).collect();

@@ -25,8 +25,9 @@ impl Labels {
             return parse(pattern).map(Self::Pattern).map_err(NodeError::new);
         }
         if params.folders.is_empty() {
-            return Err(NodeError::new("nothing says which class each shape is of")
-                .help("give `labels: \"FILE.csv\"` (id,class), a `pattern` of names, or `folders: folders(\"shape\")`"));
+            return Err(NodeError::new("nothing says which class each shape is of").help(
+                "give `labels: \"FILE.csv\"` (id,class), a `pattern` of names, or `folders: folders(\"shape\")`",
+            ));
         }
         Ok(Self::Known(params.folders.iter().cloned().collect()))
     }
@@ -45,7 +46,8 @@ fn table(text: &str) -> Result<BTreeMap<String, String>, String> {
     let mut known = BTreeMap::new();
     for (number, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
         let cells: Vec<&str> = line.split(',').map(|cell| cell.trim().trim_matches('"').trim()).collect();
-        let heading = number == 0 && cells.get(1).is_some_and(|c| ["class", "label", "category"].contains(&c.to_lowercase().as_str()));
+        let heading = number == 0
+            && cells.get(1).is_some_and(|c| ["class", "label", "category"].contains(&c.to_lowercase().as_str()));
         if line.trim().is_empty() || heading {
             continue;
         }
@@ -171,7 +173,10 @@ mod tests {
         let known = table("id,class\n1.off, ant\n2,\"cup\"\n\nsub/3.off,cup\n").unwrap();
         let labels = Labels::Known(known);
         let of = |name: &str| labels.class(name);
-        assert_eq!((of("1"), of("2"), of("3"), of("4")), (Some("ant".into()), Some("cup".into()), Some("cup".into()), None));
+        assert_eq!(
+            (of("1"), of("2"), of("3"), of("4")),
+            (Some("ant".into()), Some("cup".into()), Some("cup".into()), None)
+        );
         assert_eq!(of("folder/1").as_deref(), Some("ant"));
         assert_eq!(table("a,b\na,c").unwrap_err(), "`a` is of the class b and of c");
         assert!(table("a").is_err() && table("a,").is_err());

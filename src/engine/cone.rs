@@ -35,12 +35,15 @@ pub(super) struct Cone {
 
 /// Producers of a call whose output it takes only at ports that do without what failed.
 fn dispensable(plan: &Plan, call: NodeIndex) -> BTreeSet<NodeIndex> {
-    let surviving = |port: &str| {
-        plan.dag[call].node.ports().iter().any(|p| p.name == port && p.arity == Arity::Surviving)
-    };
+    let surviving =
+        |port: &str| plan.dag[call].node.ports().iter().any(|p| p.name == port && p.arity == Arity::Surviving);
     let (mut all, mut needed) = (BTreeSet::new(), BTreeSet::new());
     for edge in plan.dag.edges_directed(call, Direction::Incoming) {
-        if surviving(edge.weight().port) { all.insert(edge.source()) } else { needed.insert(edge.source()) };
+        if surviving(edge.weight().port) {
+            all.insert(edge.source())
+        } else {
+            needed.insert(edge.source())
+        };
     }
     all.retain(|producer| !needed.contains(producer));
     all

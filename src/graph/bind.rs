@@ -60,9 +60,13 @@ pub fn texts(report: &Diagnostics, params: &[(String, Arg)], axes: &[Axis], item
             }
             Along::Pairs { .. } => None,
         },
-        Arg::Folders(axis, span) => {
-            Some(Text { name: name.clone(), ron: folders(axes, *axis).into(), span: *span, exact: false, dir: Path::new("").into() })
-        }
+        Arg::Folders(axis, span) => Some(Text {
+            name: name.clone(),
+            ron: folders(axes, *axis).into(),
+            span: *span,
+            exact: false,
+            dir: Path::new("").into(),
+        }),
         Arg::Broken => None,
     };
     params.iter().filter_map(text).collect()

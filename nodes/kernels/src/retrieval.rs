@@ -90,7 +90,9 @@ impl Merit {
     }
 
     fn values(&self) -> impl Iterator<Item = f64> + '_ {
-        [self.nn, self.first_tier, self.second_tier, self.e, self.dcg, self.map, self.recall].into_iter().chain(self.precision)
+        [self.nn, self.first_tier, self.second_tier, self.e, self.dcg, self.map, self.recall]
+            .into_iter()
+            .chain(self.precision)
     }
 
     fn values_mut(&mut self) -> impl Iterator<Item = &mut f64> {

@@ -12,8 +12,8 @@ mod skin;
 mod surface;
 
 pub(crate) use grid::march;
-pub(crate) use skin::rotate;
 pub use skeleton::Species;
+pub(crate) use skin::rotate;
 pub use surface::RestSurface;
 
 use crate::adjacency::MeshError;

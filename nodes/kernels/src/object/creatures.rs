@@ -34,7 +34,11 @@ impl Figure {
     fn body(&self, random: &mut Random, bend: f64) -> Body {
         let mut body = Body { blend: 0.12, ..Body::default() };
         let w = self.width;
-        body.solids.push(Solid::Egg { centre: [0.0, 0.0, 0.5 * self.trunk], axis: [0.0, 0.0, 1.0], half: [w, 0.65 * w, 0.62 * self.trunk] });
+        body.solids.push(Solid::Egg {
+            centre: [0.0, 0.0, 0.5 * self.trunk],
+            axis: [0.0, 0.0, 1.0],
+            half: [w, 0.65 * w, 0.62 * self.trunk],
+        });
         let neck = [0.0, 0.0, 1.02 * self.trunk];
         let head = add(neck, [0.0, 0.08 * random.signed(), 1.1 * self.head]);
         body.cone([0.0, 0.0, 0.8 * self.trunk], head, 0.45 * self.head, 0.45 * self.head);
@@ -92,7 +96,8 @@ pub fn armadillo(random: &mut Random) -> Body {
     // The snout, and a tail.
     body.cone([0.0, 0.1, top - 0.2], [0.0, 0.38, top - 0.28], 0.12, 0.07);
     let sway = random.signed();
-    let tail = chain([0.0, -0.25, 0.1], &[(0.4, toward(-1.57 + 0.3 * sway, -0.6)), (0.4, toward(-1.57 + 0.8 * sway, -0.2))]);
+    let tail =
+        chain([0.0, -0.25, 0.1], &[(0.4, toward(-1.57 + 0.3 * sway, -0.6)), (0.4, toward(-1.57 + 0.8 * sway, -0.2))]);
     body.limb(&tail, 0.12, 0.04);
     body
 }
@@ -201,7 +206,8 @@ pub fn hand(random: &mut Random) -> Body {
         let bend = fist + 0.5 * random.signed();
         let spread = 0.12 * (i as f64 - 1.5) + 0.06 * random.signed();
         let toward = |a: f64| [spread, a.sin(), a.cos()];
-        let parts = [(0.42 * length, toward(0.5 * bend)), (0.32 * length, toward(bend)), (0.26 * length, toward(1.5 * bend))];
+        let parts =
+            [(0.42 * length, toward(0.5 * bend)), (0.32 * length, toward(bend)), (0.26 * length, toward(1.5 * bend))];
         body.limb(&chain([x, 0.0, 0.4], &parts), thick, 0.8 * thick);
     }
     let (open, bend) = (between(random, 0.5, 1.1), 0.6 * random.signed());

@@ -48,7 +48,12 @@ pub fn cup(random: &mut Random) -> Body {
     let (radius, half) = (between(random, 0.38, 0.55), between(random, 0.35, 0.7));
     let wall = between(random, 0.05, 0.09);
     body.can([0.0; 3], UP, radius, half);
-    body.holes.push(Solid::Can { centre: [0.0, 0.0, 2.0 * wall + 0.5], axis: UP, radius: radius - wall, half: half + 0.5 });
+    body.holes.push(Solid::Can {
+        centre: [0.0, 0.0, 2.0 * wall + 0.5],
+        axis: UP,
+        radius: radius - wall,
+        half: half + 0.5,
+    });
     let size = between(random, 0.2, 0.3);
     let thick = between(random, 0.045, 0.07);
     let at = radius + 0.35 * size;
@@ -100,7 +105,12 @@ pub fn chair(random: &mut Random) -> Body {
     let (back, lean) = (between(random, 0.7, 1.1), between(random, 0.0, 0.25));
     let top = |x: f64, t: f64| [x, -0.9 * deep - lean * t, back * t];
     match random.below(3) {
-        0 => body.solids.push(Solid::Block { centre: top(0.0, 0.5), axis: [0.0, -lean, back], half: [0.9 * wide, thick, 0.5 * back], round: 0.03 }),
+        0 => body.solids.push(Solid::Block {
+            centre: top(0.0, 0.5),
+            axis: [0.0, -lean, back],
+            half: [0.9 * wide, thick, 0.5 * back],
+            round: 0.03,
+        }),
         1 => {
             for x in [-0.8, -0.3, 0.3, 0.8] {
                 body.cone(top(x * wide, 0.0), top(x * wide, 1.0), round, round);
@@ -190,10 +200,20 @@ pub fn mechanic(random: &mut Random) -> Body {
     let walls = 1 + random.below(2);
     for x in [-1.0, 1.0].into_iter().take(walls as usize) {
         body.block([x * (half[0] - 0.1), 0.0, wall], [0.1, half[1], wall], 0.02);
-        body.holes.push(Solid::Can { centre: [x * half[0], 0.0, 1.1 * wall], axis: SIDE, radius: 0.45 * half[1], half: 0.5 });
+        body.holes.push(Solid::Can {
+            centre: [x * half[0], 0.0, 1.1 * wall],
+            axis: SIDE,
+            radius: 0.45 * half[1],
+            half: 0.5,
+        });
     }
     for x in [-0.4, 0.4].into_iter().take(1 + random.below(2) as usize) {
-        body.holes.push(Solid::Can { centre: [x * half[0], 0.0, 0.0], axis: UP, radius: between(random, 0.09, 0.16), half: 1.0 });
+        body.holes.push(Solid::Can {
+            centre: [x * half[0], 0.0, 0.0],
+            axis: UP,
+            radius: between(random, 0.09, 0.16),
+            half: 1.0,
+        });
     }
     if random.unit() < 0.5 {
         body.can([0.0, 0.0, half[2]], UP, 0.2, 0.25);
@@ -229,13 +249,21 @@ pub fn vase(random: &mut Random) -> Body {
     body.can([0.0, 0.0, -0.8 * tall], UP, 0.7 * belly, 0.08);
     let wall = 0.06;
     body.holes.push(Solid::Can { centre: [0.0, 0.0, 1.2 * tall], axis: UP, radius: neck - wall, half: 0.9 * tall });
-    body.holes.push(Solid::Egg { centre: [0.0, 0.0, place], axis: UP, half: [belly - wall, belly - wall, 0.75 * tall - wall] });
+    body.holes.push(Solid::Egg {
+        centre: [0.0, 0.0, place],
+        axis: UP,
+        half: [belly - wall, belly - wall, 0.75 * tall - wall],
+    });
     if random.unit() < 0.4 {
         for side in [-1.0, 1.0] {
             let points: Vec<[f64; 3]> = (0..=8)
                 .map(|i| {
                     let a = PI * i as f64 / 8.0;
-                    [side * (neck + 0.32 * a.sin()), 0.0, place + 0.35 * tall + (0.75 * tall - place - 0.35 * tall).max(0.3) * (1.0 - a.cos()) / 2.0]
+                    [
+                        side * (neck + 0.32 * a.sin()),
+                        0.0,
+                        place + 0.35 * tall + (0.75 * tall - place - 0.35 * tall).max(0.3) * (1.0 - a.cos()) / 2.0,
+                    ]
                 })
                 .collect();
             body.limb(&points[..], 0.05, 0.05);

@@ -36,7 +36,8 @@ pub fn harmonics(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Vec<f64> {
             sums[shell].iter_mut().zip(&basis).for_each(|(s, y)| *s += w * y);
         }
     }
-    let degree = |sums: &[f64; WIDTH], l: usize| sums[l * l..(l + 1) * (l + 1)].iter().map(|s| s * s).sum::<f64>().sqrt();
+    let degree =
+        |sums: &[f64; WIDTH], l: usize| sums[l * l..(l + 1) * (l + 1)].iter().map(|s| s * s).sum::<f64>().sqrt();
     sums.iter().flat_map(|shell| (0..=DEGREES).map(move |l| degree(shell, l))).collect()
 }
 

@@ -9,10 +9,13 @@ use crate::vec3::{add, norm, normal, scale};
 /// Points spread over a surface: `count` or somewhat more, each with its share of the area (they sum to 1). Every face has some, in a regular pattern.
 pub(crate) fn samples(vertices: &[[f64; 3]], faces: &[[u32; 3]], count: usize) -> Vec<([f64; 3], f64)> {
     let corners = |f: &[u32; 3]| f.map(|v| vertices[v as usize]);
-    let areas: Vec<f64> = faces.iter().map(|f| {
-        let [a, b, c] = corners(f);
-        norm(normal(a, b, c)) / 2.0
-    }).collect();
+    let areas: Vec<f64> = faces
+        .iter()
+        .map(|f| {
+            let [a, b, c] = corners(f);
+            norm(normal(a, b, c)) / 2.0
+        })
+        .collect();
     let total: f64 = areas.iter().sum();
     let mut all = Vec::new();
     for (face, area) in faces.iter().zip(&areas).filter(|(_, area)| **area > 0.0) {
