@@ -120,7 +120,7 @@ fn a_shape_is_most_like_itself_and_the_quick_match_is_a_lower_bound() {
         let proved =
             matched(&shapes[i].1, &shapes[j].1, &iqp_match::Params { limit: Limit::Nodes(50), ..reading.clone() });
         assert!(quick.objective <= proved.bound + 1e-9);
-        assert!(quick.objective >= 0.95 * proved.objective, "{} of {}", quick.objective, proved.objective);
+        assert!(quick.objective >= 0.9 * proved.objective, "{} of {}", quick.objective, proved.objective);
     }
     // What it is divided by is what matching the shape with itself gives.
     let itself = matched(&shapes[0].1, &shapes[0].1, &reading);
