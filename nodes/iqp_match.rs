@@ -28,10 +28,12 @@ use salient_sdk::{Context, Inputs, Node, NodeError, Port, PortValues};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::pair_scores::PairScore;
 use crate::patch_spectrum::Features;
 
 mod matched;
 mod model;
+mod quick;
 mod stretch;
 mod twin;
 
@@ -256,6 +258,64 @@ impl Node for IqpMatch {
             orientation: None,
         })
     }
+}
+
+/// One match of a quick search, and what it earns: together with the others half of its pairs' terms.
+pub(crate) struct Earned {
+    pub left: usize,
+    pub right: usize,
+    pub distance: f64,
+    pub alone: f64,
+    pub together: f64,
+}
+
+/// What a good match comes to, without proof and twins: for ranking, where there are many pairs.
+pub(crate) fn outcome(
+    left: &Features,
+    right: &Features,
+    params: &Params,
+    passes: usize,
+    cx: Context,
+) -> Result<PairScore, NodeError> {
+    explained(left, right, params, passes, cx).map(|(score, _)| score)
+}
+
+/// The same, with its terms.
+pub(crate) fn explained(
+    left: &Features,
+    right: &Features,
+    params: &Params,
+    passes: usize,
+    cx: Context,
+) -> Result<(PairScore, Vec<Earned>), NodeError> {
+    let mut best: Option<(PairScore, Vec<Earned>)> = None;
+    for log in stretch::factors(params) {
+        cx.check()?;
+        let model = Model::new(left, right, params, log.exp(), cx)?;
+        let found = quick::best(&model, passes);
+        let unmatched = left.features.len() + right.features.len() - 2 * found.len();
+        let sum = |of: fn(&Earned) -> f64| found.iter().map(of).sum::<f64>();
+        let score = PairScore {
+            objective: sum(|t| t.alone + t.together) - params.unmatched * unmatched as f64,
+            descriptors: sum(|t| t.alone),
+            matched: found.len() as u32,
+        };
+        if best.as_ref().is_none_or(|(b, _)| score.objective > b.objective) {
+            best = Some((score, found));
+        }
+    }
+    best.ok_or_else(|| NodeError::new("no factor between the lengths was tried"))
+}
+
+/// The objective of a shape matched with itself, each described feature with itself.
+pub(crate) fn own(shape: &Features, params: &Params) -> f64 {
+    let described: Vec<usize> = (0..shape.features.len()).filter(|i| shape.descriptors[*i].is_ok()).collect();
+    let reached = |i: usize| described.iter().filter(|j| **j != i && shape.distance(i, **j).is_some()).count();
+    let supports: usize = described.iter().map(|i| reached(*i)).sum();
+    let unmatched = 2 * (shape.features.len() - described.len());
+    // Every kernel is 1 at 0, and H counts each pair twice.
+    params.beta * described.len() as f64 + (1.0 - params.agreement) * supports as f64
+        - params.unmatched * unmatched as f64
 }
 
 fn unbuildable(e: &assignment::ProblemError) -> NodeError {

@@ -15,11 +15,8 @@ const SHORT: f64 = 0.2;
 /// The factor up to `params.stretch`, or its inverse, whose best match scores highest by the heuristics; the one nearest to 1
 /// among equals. Refined once, by the median ratio of the distances that the match compares.
 pub(super) fn search(left: &Features, right: &Features, params: &Params, cx: Context) -> Result<f64, NodeError> {
-    let steps = (params.stretch.ln() / STEP).ceil() as i32;
-    let mut tried: Vec<f64> =
-        (-steps..=steps).map(|i| f64::from(i) * params.stretch.ln() / f64::from(steps.max(1))).collect();
-    tried.sort_by(|a, b| a.abs().total_cmp(&b.abs()).then(a.total_cmp(b)));
-    if steps == 0 {
+    let tried = factors(params);
+    if tried.len() == 1 {
         return Ok(1.0);
     }
     let scores = cx.map(&tried, |_, log| {
@@ -36,6 +33,15 @@ pub(super) fn search(left: &Features, right: &Features, params: &Params, cx: Con
     let refined = (log + scores[best].1).clamp(-params.stretch.ln(), params.stretch.ln());
     let better = score(left, right, params, refined, cx)?.0 > scores[best].0;
     Ok(if better { refined } else { log }.exp())
+}
+
+/// Logarithms of the factors to try, those nearest to 0 first.
+pub(super) fn factors(params: &Params) -> Vec<f64> {
+    let steps = (params.stretch.ln() / STEP).ceil() as i32;
+    let mut tried: Vec<f64> =
+        (-steps..=steps).map(|i| f64::from(i) * params.stretch.ln() / f64::from(steps.max(1))).collect();
+    tried.sort_by(|a, b| a.abs().total_cmp(&b.abs()).then(a.total_cmp(b)));
+    tried
 }
 
 /// The heuristics' objective under a logarithmic factor, and by how much that factor seems to be wrong.

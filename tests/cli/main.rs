@@ -11,6 +11,7 @@ mod kills;
 mod notebook;
 mod real;
 mod registry;
+mod retrieval;
 mod values;
 mod watch;
 mod watch_files;

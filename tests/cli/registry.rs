@@ -56,6 +56,11 @@ fn every_graph_plans() {
             "evaluate_pair.ron" | "evaluate_part.ron" => {
                 assert!(!real.ok(&["check", &name, &a, &b, &template]).is_empty());
             }
+            "retrieval.ron" | "retrieval_paper.ron" | "retrieval_shortlist.ron" | "partial_retrieval.ron" => {
+                real.write("other cat.off", &creatures()[1]);
+                assert!(!real.ok(&["check", &name, "--set", "shapes=files(\"*cat.off\")"]).is_empty());
+            }
+            "explain.ron" => assert!(!real.ok(&["check", &name, &a, &b]).is_empty()),
             // A subgraph is called by others.
             "salient_features.ron" => {
                 let stderr = real.fails(2, &["run", &name]);

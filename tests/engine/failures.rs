@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use salient::engine::{Event, State};
 
 use crate::lab::{Graph, Lab};
-use crate::toy::{Bad, Fail, MOODY, Moody, Panics, Scale, Sign, Slow, Sum};
+use crate::toy::{Bad, Fail, MOODY, Moody, Panics, Rest, Scale, Sign, Slow, Sum};
 
 fn broken(lab: &Lab, node: &'static dyn salient_sdk::AnyNode) -> Graph {
     let a = lab.file("a.txt", "1\n");
@@ -31,6 +31,32 @@ fn a_failure_skips_what_rests_on_it_and_nothing_else() {
     assert!(!ran.outcome.complete());
     // A failure is not kept: it is tried again, and nothing else.
     assert_eq!(lab.run(&graph).executed, ["bad"]);
+}
+
+#[test]
+fn a_port_for_survivors_does_without_what_failed() {
+    let lab = Lab::new();
+    let (a, b) = (lab.file("a.txt", "1\n"), lab.file("b.txt", "not a number\n"));
+    let mut graph = Graph::new();
+    let (a, b) = (graph.read("a", &a), graph.read("b", &b));
+    let sign = graph.call("sign", &Sign, &[], &[("x", b)]);
+    let rest = graph.call("rest", &Rest, &[], &[("terms", a), ("terms", b), ("terms", sign)]);
+    graph.call("last", &Scale::<1>, &[], &[("x", rest)]);
+    let graph = graph.show(&["last"]);
+    let ran = lab.run(&graph);
+    assert_eq!(ran.values["last"], [2.0, 4.0]);
+    assert_eq!((ran.failures().len(), ran.skipped()), (1, vec![("sign".into(), "b".into())]));
+    assert!(!ran.outcome.complete());
+    // The failure is tried again; what was made without it is as good as before.
+    assert_eq!(lab.run(&graph).executed, ["b"]);
+    // Once it works, its consumers take it.
+    lab.file("b.txt", "-3\n");
+    let ran = lab.run(&graph);
+    assert_eq!(ran.executed, ["b", "last", "rest", "sign"]);
+    assert_eq!(ran.values["last"], [-6.0, 0.0]);
+    // And what was made without it is still known.
+    lab.file("b.txt", "not a number\n");
+    assert_eq!((lab.run(&graph).executed, lab.run(&graph).values["last"].clone()), (vec!["b".into()], vec![2.0, 4.0]));
 }
 
 #[test]

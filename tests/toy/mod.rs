@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 pub static NODES: &[&dyn AnyNode] =
-    &[&Read, &Scale::<1>, &Sign, &Sum, &Product, &Fail, &Panics, &Slow, &Bad, &Wide, &Triangle];
+    &[&Read, &Scale::<1>, &Sign, &Sum, &Rest, &Product, &Fail, &Panics, &Slow, &Bad, &Wide, &Triangle];
 
 /// Some numbers.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -202,6 +202,21 @@ impl Inputs for Terms {
 
 node!(Sum, "sum", "Adds everything up.", None, Terms, |_, i, _| {
     Ok(numbers(vec![i.terms.iter().flat_map(|(_, x)| &x.values).sum()]))
+});
+
+pub struct Survivors {
+    terms: Vec<(String, Arc<Numbers>)>,
+    missing: Vec<String>,
+}
+impl Inputs for Survivors {
+    const PORTS: &'static [Port] = &[Port::surviving::<Numbers>("terms", "what to add")];
+    fn take(from: &mut PortValues) -> Result<Self, NodeError> {
+        Ok(Self { missing: from.missing("terms"), terms: from.many("terms")? })
+    }
+}
+
+node!(Rest, "rest", "The sum of what did not fail, and how many did.", None, Survivors, |_, i, _| {
+    Ok(numbers(vec![i.terms.iter().flat_map(|(_, x)| &x.values).sum(), i.missing.len() as f64]))
 });
 
 pub struct Two {

@@ -11,6 +11,7 @@ mod matching;
 mod orientation;
 mod registry;
 mod repeatability;
+mod retrieval;
 mod shapes;
 mod spectral;
 

@@ -255,3 +255,14 @@ fn plans_beyond_all_measure_are_refused() {
     }
     assert_eq!(code(&folder).as_deref(), Some("too-large"));
 }
+
+#[test]
+fn folders_are_of_an_axis() {
+    let folder = retrieval(
+        &["in/a.txt", "in/b.txt"],
+        "\"x\": source(path: folders(\"shap\")), \"y\": source(path: folders(1)),",
+    );
+    let errors = folder.errors();
+    assert!(errors[0].contains("the graph has no axis `shap`") && errors[0].contains("shape"), "{errors:?}");
+    assert!(errors[1].contains("`folders` takes one axis"), "{errors:?}");
+}

@@ -1,0 +1,196 @@
+//! `diffuse`: similarities spread over a database, so that what is like many that are like the query moves forward.
+//!
+//! Manifold ranking (Zhou, Weston, Gretton, Bousquet & Schölkopf 2003): the nearest neighbours of each shape make a graph with weights
+//! w(i, j) = exp(-d(i, j)² / s_i s_j), s_i the mean distance to the neighbours of i; with D its degrees, and P = D^-1/2 W D^-1/2, the result is
+//! (1 - alpha) (I - alpha P)^-1. It looks at no label, but at the whole database: a shape's rank depends on what else there is.
+
+use std::sync::Arc;
+
+use salient_sdk::{Context, Inputs, Node, NodeError, Port, PortValues};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::fuse::greatest;
+use crate::similarity::Similarity;
+
+/// Params of [`Diffuse`].
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Params {
+    /// Nearest neighbours of each shape that it is linked with. At least 1, default 10.
+    #[schemars(range(min = 1))]
+    pub neighbours: u32,
+    /// How far similarity spreads: 0 is not at all. 0 to 0.99, default 0.8.
+    #[schemars(range(min = 0.0, max = 0.99))]
+    pub alpha: f64,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self { neighbours: 10, alpha: 0.8 }
+    }
+}
+
+/// A database against itself.
+pub struct In {
+    similarity: Arc<Similarity>,
+}
+
+impl Inputs for In {
+    const PORTS: &'static [Port] = &[Port::one::<Similarity>("similarity", "how alike the shapes of a database are")];
+    fn take(from: &mut PortValues) -> Result<Self, NodeError> {
+        Ok(Self { similarity: from.one("similarity")? })
+    }
+}
+
+/// The node.
+pub struct Diffuse;
+
+impl Node for Diffuse {
+    const KIND: &'static str = "diffuse";
+    const VERSION: u32 = 1;
+    const DOC: &'static str = "Similarities spread along the nearest neighbours of each shape (manifold ranking, Zhou et al. 2003). No label is used, but ranks come \
+        to depend on what else is in the database.";
+    const EXAMPLE: &'static str = r#"
+        "a":      synthesize(pose: 0),
+        "b":      synthesize(pose: 1),
+        "va":     volume_signature(mesh: "a"),
+        "vb":     volume_signature(mesh: "b"),
+        "alike":  signature_similarity(signatures: ["va", "vb"]),
+        "spread": diffuse(similarity: "alike"),
+    "#;
+    type Params = Params;
+    type Inputs = In;
+    type Output = Similarity;
+
+    fn run(params: &Params, In { similarity }: In, cx: Context) -> Result<Similarity, NodeError> {
+        if !similarity.is_square() {
+            return Err(NodeError::new(
+                "the queries are not the targets: only a database against itself can be diffused",
+            )
+            .help("gather the same shapes as queries and targets"));
+        }
+        let graph = Graph::new(&similarity, params.neighbours as usize);
+        let columns: Vec<usize> = (0..similarity.queries.len()).collect();
+        let rows = cx.map(&columns, |_, &i| {
+            cx.check()?;
+            Ok(graph.spread(i, params.alpha))
+        })?;
+        Ok(Similarity {
+            measure: format!("{}, diffused", similarity.measure),
+            values: rows.concat(),
+            compared: None,
+            ..(*similarity).clone()
+        })
+    }
+}
+
+/// P, row by row: (column, weight).
+struct Graph(Vec<Vec<(usize, f64)>>);
+
+impl Graph {
+    fn new(of: &Similarity, neighbours: usize) -> Self {
+        let n = of.queries.len();
+        let most = greatest(of);
+        // The mean of both ways, as a shortlist or a search may have found different ones.
+        let distance = |i: usize, j: usize| most - 0.5 * (of.row(i)[j] + of.row(j)[i]);
+        let nearest: Vec<Vec<usize>> = (0..n)
+            .map(|i| {
+                let mut others: Vec<usize> = (0..n).filter(|j| *j != i).collect();
+                let by = |j: &usize| distance(i, *j);
+                others.sort_by(|a, b| by(a).total_cmp(&by(b)).then_with(|| of.targets[*a].cmp(&of.targets[*b])));
+                others.truncate(neighbours);
+                others
+            })
+            .collect();
+        let reach = |i: usize| {
+            let sum: f64 = nearest[i].iter().map(|j| distance(i, *j)).sum();
+            (sum / nearest[i].len().max(1) as f64).max(f64::MIN_POSITIVE)
+        };
+        let reaches: Vec<f64> = (0..n).map(reach).collect();
+        let weight = |i: usize, j: usize| (-(distance(i, j) / reaches[i]) * (distance(i, j) / reaches[j])).exp();
+        let mut rows: Vec<Vec<(usize, f64)>> = vec![Vec::new(); n];
+        for (i, near) in nearest.iter().enumerate() {
+            for &j in near {
+                rows[i].push((j, weight(i, j)));
+                rows[j].push((i, weight(j, i)));
+            }
+        }
+        for row in &mut rows {
+            row.sort_by_key(|(j, _)| *j);
+            row.dedup_by_key(|(j, _)| *j);
+        }
+        let degree: Vec<f64> =
+            rows.iter().map(|row| row.iter().map(|(_, w)| w).sum::<f64>().max(f64::MIN_POSITIVE)).collect();
+        for (i, row) in rows.iter_mut().enumerate() {
+            row.iter_mut().for_each(|(j, w)| *w /= degree[i].sqrt() * degree[*j].sqrt());
+        }
+        Self(rows)
+    }
+
+    /// (1 - alpha) (I - alpha P)^-1 e_i, by conjugate gradients: the matrix is symmetric, its eigenvalues are within 1 - alpha and 1 + alpha.
+    fn spread(&self, i: usize, alpha: f64) -> Vec<f64> {
+        let n = self.0.len();
+        let apply = |x: &[f64]| -> Vec<f64> {
+            let row =
+                |(k, row): (usize, &Vec<(usize, f64)>)| x[k] - alpha * row.iter().map(|(j, w)| w * x[*j]).sum::<f64>();
+            self.0.iter().enumerate().map(row).collect()
+        };
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+        let (mut x, mut residual) = (vec![0.0; n], vec![0.0; n]);
+        residual[i] = 1.0 - alpha;
+        let mut direction = residual.clone();
+        let mut square = dot(&residual, &residual);
+        let enough = square * 1e-24;
+        for _ in 0..1000 {
+            if square <= enough {
+                break;
+            }
+            let image = apply(&direction);
+            let step = square / dot(&direction, &image);
+            x.iter_mut().zip(&direction).for_each(|(x, d)| *x += step * d);
+            residual.iter_mut().zip(&image).for_each(|(r, a)| *r -= step * a);
+            let next = dot(&residual, &residual);
+            direction.iter_mut().zip(&residual).for_each(|(d, r)| *d = r + next / square * *d);
+            square = next;
+        }
+        x
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use salient_sdk::testing::TestHost;
+
+    use super::*;
+
+    #[test]
+    fn the_inverse_is_one() {
+        let names: Vec<String> = ["a", "b", "c", "d", "e"].map(str::to_owned).to_vec();
+        let at = [0.0, 0.1, 0.25, 2.0, 2.3_f64];
+        let values = at.iter().flat_map(|x| at.iter().map(move |y| 0.0 - (x - y).abs())).collect();
+        let line = Similarity {
+            measure: "place".into(),
+            queries: names.clone(),
+            targets: names,
+            values,
+            compared: None,
+            missing: vec!["z".into()],
+        };
+        let graph = Graph::new(&line, 2);
+        let alpha = 0.9;
+        let similarity = Arc::new(line);
+        let spread = TestHost::default().run::<Diffuse>(&Params { neighbours: 2, alpha }, In { similarity }).unwrap();
+        assert_eq!(spread.missing, ["z"]);
+        for i in 0..5 {
+            for k in 0..5 {
+                // Row k of (I - alpha P) times column i of the result is the unit matrix times 1 - alpha.
+                let product =
+                    spread.row(i)[k] - alpha * graph.0[k].iter().map(|(j, w)| w * spread.row(i)[*j]).sum::<f64>();
+                let unit = if i == k { 1.0 - alpha } else { 0.0 };
+                assert!((product - unit).abs() < 1e-10, "{i} {k}: {product}");
+                assert!((spread.row(i)[k] - spread.row(k)[i]).abs() < 1e-10);
+            }
+        }
+    }
+}

@@ -1,0 +1,243 @@
+//! Retrieval from matches to figures, in memory.
+
+use std::sync::Arc;
+
+use salient_nodes::diffuse::{self, Diffuse};
+use salient_nodes::explain_match::ExplainMatch;
+use salient_nodes::fuse::{self, Fuse};
+use salient_nodes::iqp_match::{self, Limit};
+use salient_nodes::match_all::{self, MatchAll};
+use salient_nodes::pair_scores::PairScores;
+use salient_nodes::patch_spectrum::Features;
+use salient_nodes::rank::{self, Rank, Ranking};
+use salient_nodes::retrieval_metrics::{self, RetrievalMetrics};
+use salient_nodes::score::{self, Of, Over, Score};
+use salient_nodes::shape_dna::ShapeDna;
+use salient_nodes::shortlist::{self, Shortlist};
+use salient_nodes::signature::Signature;
+use salient_nodes::signature_similarity::SignatureSimilarity;
+use salient_nodes::similarity::Similarity;
+use salient_nodes::spectral_signature::{self, HeatSignature, Pool, WaveSignature};
+use salient_nodes::synthesize::{self, Species, Synthesize};
+use salient_sdk::testing::TestHost;
+use salient_sdk::{PortValues, Table};
+
+use crate::{basis, creature, defaults, features, matched, run, shuffled};
+
+fn shapes() -> Vec<(&'static str, Arc<Features>)> {
+    let of = |species, pose| {
+        let params = synthesize::Params { species, pose, vertices: 700, ..defaults() };
+        features(&run::<Synthesize>(&params, &[]).unwrap(), 14)
+    };
+    vec![
+        ("cat_0", of(Species::Cat, 0)),
+        ("cat_1", of(Species::Cat, 1)),
+        ("giraffe_0", of(Species::Giraffe, 0)),
+        ("giraffe_1", of(Species::Giraffe, 1)),
+    ]
+}
+
+fn wired(shapes: &[(&'static str, Arc<Features>)], failed: &[&str]) -> PortValues {
+    let mut values = PortValues::default();
+    for port in ["queries", "targets"] {
+        for (name, features) in shapes {
+            values.push(port, name, features.clone());
+        }
+        failed.iter().for_each(|name| values.push_missing(port, name));
+    }
+    values
+}
+
+fn scores(host: &TestHost, shapes: &[(&'static str, Arc<Features>)], failed: &[&str]) -> Arc<PairScores> {
+    Arc::new(host.run_wired::<MatchAll>(&defaults(), wired(shapes, failed)).unwrap())
+}
+
+fn scored(scores: &Arc<PairScores>, of: Of, over: Over) -> Arc<Similarity> {
+    run::<Score>(&score::Params { of, over }, &[("scores", scores.clone())]).unwrap()
+}
+
+fn ranking(similarity: &Arc<Similarity>, top: Option<u32>) -> Arc<Ranking> {
+    run::<Rank>(&rank::Params { top, own: false }, &[("similarity", similarity.clone())]).unwrap()
+}
+
+fn metrics(ranking: &Arc<Ranking>) -> Arc<retrieval_metrics::Metrics> {
+    let params = retrieval_metrics::Params { pattern: Some("{class}_#".into()), ..defaults() };
+    run::<RetrievalMetrics>(&params, &[("ranking", ranking.clone())]).unwrap()
+}
+
+#[test]
+fn poses_are_found_whatever_the_order_and_failures_are_listed() {
+    let shapes = shapes();
+    let host = TestHost::with_workers(1);
+    let forward = scores(&host, &shapes, &["broken"]);
+    let found = metrics(&ranking(&scored(&forward, Of::Sum, Over::Themselves), None));
+    assert_eq!(
+        (found.overall.nn, found.overall.first_tier, found.overall.map, found.overall.queries),
+        (1.0, 1.0, 1.0, 4)
+    );
+    assert_eq!(found.failed, ["broken"]);
+    assert_eq!(found.confusion, [[2, 0], [0, 2]]);
+    // In another order, with nothing remembered: the same lists of the same scores.
+    let backward: Vec<_> = shapes.iter().rev().cloned().collect();
+    let backward = scores(&TestHost::default(), &backward, &[]);
+    let lists = |scores: &Arc<PairScores>| {
+        let r = ranking(&scored(scores, Of::Sum, Over::Themselves), None);
+        let mut lists: Vec<_> = (0..4)
+            .map(|q| (r.queries[q].clone(), r.list(q).map(|(t, s)| (t.to_owned(), s)).collect::<Vec<_>>()))
+            .collect();
+        lists.sort_by(|a, b| a.0.cmp(&b.0));
+        lists
+    };
+    assert_eq!(lists(&forward), lists(&backward));
+}
+
+#[test]
+fn a_new_shape_costs_its_own_row() {
+    let shapes = shapes();
+    let host = TestHost::default();
+    let count = |what: &str| host.recorded(what).unwrap().as_u64().unwrap();
+    scores(&host, &shapes[..3], &[]);
+    assert_eq!((count("pairs computed"), count("pairs remembered")), (3, 0));
+    scores(&host, &shapes, &[]);
+    assert_eq!((count("pairs computed"), count("pairs remembered")), (3, 3));
+}
+
+#[test]
+fn a_shape_is_most_like_itself_and_the_quick_match_is_a_lower_bound() {
+    let shapes = shapes();
+    let scores = scores(&TestHost::default(), &shapes, &[]);
+    let alike = scored(&scores, Of::Sum, Over::Themselves);
+    let reading = match_all::Params::default().matching();
+    for i in 0..4 {
+        assert!((alike.row(i)[i] - 1.0).abs() < 1e-12);
+        for j in 0..4 {
+            assert_eq!(alike.row(i)[j].to_bits(), alike.row(j)[i].to_bits());
+            assert!(alike.row(i)[j] <= 1.0 + 1e-12);
+        }
+    }
+    for (i, j) in [(0, 1), (0, 2), (2, 3)] {
+        let quick = scores.pairs[i * 4 + j].unwrap();
+        let proved =
+            matched(&shapes[i].1, &shapes[j].1, &iqp_match::Params { limit: Limit::Nodes(50), ..reading.clone() });
+        assert!(quick.objective <= proved.bound + 1e-9);
+        assert!(quick.objective >= 0.9 * proved.objective, "{} of {}", quick.objective, proved.objective);
+    }
+    // What it is divided by is what matching the shape with itself gives.
+    let itself = matched(&shapes[0].1, &shapes[0].1, &reading);
+    assert!((itself.objective - scores.queries[0].own).abs() < 1e-9);
+    let matches = scored(&scores, Of::Matched, Over::Larger);
+    assert_eq!(matches.row(0)[0], 1.0);
+    assert_eq!(
+        matches.row(0)[1],
+        f64::from(scores.pairs[1].unwrap().matched)
+            / f64::from(scores.queries[0].features.max(scores.queries[1].features))
+    );
+}
+
+#[test]
+fn an_explanation_adds_up_to_the_score() {
+    let shapes = shapes();
+    let scores = scores(&TestHost::default(), &shapes, &[]);
+    let wires: [(&str, Arc<dyn salient_sdk::AnyArtefact>); 2] =
+        [("left", shapes[0].1.clone()), ("right", shapes[1].1.clone())];
+    let why = run::<ExplainMatch>(&defaults(), &wires).unwrap();
+    let pair = scores.pairs[1].unwrap();
+    assert_eq!(why.terms.len(), pair.matched as usize);
+    assert!((why.objective - pair.objective).abs() < 1e-9 * pair.objective);
+    assert!((why.score - scored(&scores, Of::Sum, Over::Themselves).row(0)[1]).abs() < 1e-12);
+    let first = &why.terms[0];
+    assert_eq!(first.left.descriptor, *shapes[0].1.descriptors[first.left.feature].as_ref().unwrap());
+    assert_eq!(
+        (first.left.descriptor.len(), first.right.vertex),
+        (21, shapes[1].1.features[first.right.feature].vertex)
+    );
+    let Some(Table { columns, rows }) = salient_sdk::Artefact::table(&*why) else { panic!("no table") };
+    assert!(columns.len() == 7 + 42 && rows.iter().all(|row| row.len() == columns.len()));
+}
+
+#[test]
+fn a_shortlist_saves_matches_and_ranks_the_rest_behind() {
+    let shapes = shapes();
+    let all = scored(&scores(&TestHost::default(), &shapes, &[]), Of::Sum, Over::Themselves);
+    let list = run::<Shortlist>(&shortlist::Params { count: 1 }, &[("similarity", all.clone())]).unwrap();
+    let mut values = wired(&shapes, &[]);
+    values.push("shortlist", "", list);
+    let host = TestHost::default();
+    let few = Arc::new(host.run_wired::<MatchAll>(&defaults(), values).unwrap());
+    assert_eq!(host.recorded("pairs computed").unwrap(), 2);
+    let refused = run::<Score>(&defaults(), &[("scores", few.clone())]).unwrap_err();
+    assert!(refused.help.unwrap().contains("rest"));
+    let alike = run::<Score>(&defaults(), &[("scores", few), ("rest", all.clone())]).unwrap();
+    // With the rest in the order of the full match, the lists are the same.
+    assert_eq!(ranking(&alike, None).order, ranking(&all, None).order);
+    assert_eq!(metrics(&ranking(&all, Some(1))).overall.recall, 1.0);
+}
+
+fn signed(names: &[&str], values: &[f64]) -> Arc<Similarity> {
+    let mut port = PortValues::default();
+    for (name, x) in names.iter().zip(values) {
+        port.push("signatures", name, Arc::new(Signature { kind: "x".into(), values: vec![*x, 1.0] }));
+    }
+    port.push_missing("signatures", "gone");
+    Arc::new(TestHost::default().run_wired::<SignatureSimilarity>(&defaults(), port).unwrap())
+}
+
+#[test]
+fn fusing_is_free_of_units_and_leaves_out_what_one_lacks() {
+    let names = ["a_1", "a_2", "b_1", "b_2"];
+    let one = signed(&names, &[0.0, 1.0, 5.0, 7.0]);
+    let thousand = signed(&names, &[0.0, 1000.0, 5000.0, 7000.0]);
+    let fused = |all: &[&Arc<Similarity>], weights: &[f64]| {
+        let mut port = PortValues::default();
+        all.iter().for_each(|s| port.push("similarities", "", Arc::clone(s) as Arc<dyn salient_sdk::AnyArtefact>));
+        TestHost::default().run_wired::<Fuse>(&fuse::Params { weights: weights.to_vec() }, port)
+    };
+    let both = fused(&[&one, &thousand], &[]).unwrap();
+    let single = fused(&[&one], &[]).unwrap();
+    both.values.iter().zip(&single.values).for_each(|(x, y)| assert!((x - y).abs() < 1e-12));
+    // Distances of 1, 5, 7, 4, 6 and 2 have the mean 25 / 6.
+    assert!((single.row(0)[1] + 6.0 / 25.0).abs() < 1e-12);
+    let short = fused(&[&one, &signed(&names[1..], &[0.0, 1.0, 2.0])], &[1.0, 0.0]).unwrap();
+    assert_eq!((short.queries.join(" "), short.missing.join(" ")), ("a_2 b_1 b_2".into(), "a_1 gone".into()));
+    assert!(fused(&[&one], &[0.0]).is_err() && fused(&[&one], &[1.0, 1.0]).is_err());
+    let spread = run::<Diffuse>(&diffuse::Params { neighbours: 1, alpha: 0.8 }, &[("similarity", one)]).unwrap();
+    assert_eq!(metrics(&ranking(&spread, None)).overall.nn, 1.0);
+}
+
+#[test]
+fn what_has_no_class_or_no_fellow_is_listed_and_a_single_class_refused() {
+    let lonely = signed(&["a_1", "a_2", "b_1", "nameless"], &[0.0, 1.0, 5.0, 0.1]);
+    let found = metrics(&ranking(&lonely, None));
+    assert_eq!(
+        (found.unlabelled.join(" "), found.alone.join(" "), found.failed.join(" ")),
+        ("nameless".into(), "b_1".into(), "gone".into())
+    );
+    // The shape without a class is no wrong answer either.
+    assert_eq!((found.overall.queries, found.overall.nn), (2, 1.0));
+    let params = retrieval_metrics::Params { pattern: Some("{class}_#".into()), ..defaults() };
+    let one_class = ranking(&signed(&["a_1", "a_2"], &[0.0, 1.0]), None);
+    assert!(run::<RetrievalMetrics>(&params, &[("ranking", one_class)]).unwrap_err().message.contains("one class"));
+}
+
+#[test]
+fn spectral_signatures_know_a_shape_in_other_numbering_and_size() {
+    let mesh = creature(0, 800);
+    let mut large = (*shuffled(&mesh, 5)).clone();
+    large.vertices.iter_mut().for_each(|p| *p = p.map(|x| 9.0 * x));
+    let (one, two) = (basis(&mesh, 60), basis(&Arc::new(large), 60));
+    let close = |a: &Signature, b: &Signature| a.values.iter().zip(&b.values).all(|(x, y)| (x - y).abs() < 1e-6);
+    let dna = |b: &Arc<_>| run::<ShapeDna>(&defaults(), &[("basis", Arc::clone(b) as _)]).unwrap();
+    assert!(close(&dna(&one), &dna(&two)));
+    let area: f64 = one.mass.iter().sum();
+    assert!((dna(&one).values[0] - (one.values[1] * area).ln()).abs() < 1e-12);
+    let heat = |b: &Arc<_>, pool| {
+        let params = spectral_signature::Params { pool, ..defaults() };
+        run::<HeatSignature>(&params, &[("basis", Arc::clone(b) as _)]).unwrap()
+    };
+    assert!(close(&heat(&one, Pool::Quantiles), &heat(&two, Pool::Quantiles)));
+    let wave = |b: &Arc<_>| run::<WaveSignature>(&defaults(), &[("basis", Arc::clone(b) as _)]).unwrap();
+    assert!(close(&wave(&one), &wave(&two)) && wave(&one).values.len() == 80);
+    // The mean of the heat kernel over a shape is its trace over the area: eigenvalues alone.
+    let trace: f64 = one.values[1..].iter().map(|x| (-0.006 * x * area).exp()).sum();
+    assert!((heat(&one, Pool::Average).values[0] - trace.ln()).abs() < 1e-9);
+}

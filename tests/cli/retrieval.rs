@@ -1,0 +1,88 @@
+//! A small database through the graphs that people run: folders, labels, failures, new shapes.
+
+use std::fs;
+
+use serde_json::Value;
+
+use crate::real::Real;
+use crate::text;
+
+const SET: [&str; 2] = ["--set", "shapes=files(\"db/*/*.off\")"];
+
+/// Three cats, three giraffes and a file that is no mesh, in folders by class; few eigenpairs and features.
+fn database() -> Real {
+    let real = Real::bare();
+    real.edit("salient_features.ron", &[("pairs: 100", "pairs: 40"), ("\"features\": 50", "\"features\": 12")]);
+    let call = |species: &str, pose: u32| {
+        format!("\"{species}{pose}\": synthesize(species: {species}, pose: {pose}, vertices: 600)")
+    };
+    let all: Vec<String> = (0..3).flat_map(|pose| [call("Cat", pose), call("Giraffe", pose)]).collect();
+    real.write("make.ron", format!("(format: 1, nodes: {{{}}}, show: [\"Cat0\"])", all.join(", ")));
+    for species in ["Cat", "Giraffe"] {
+        for pose in 0..3 {
+            let (node, file) = (format!("{species}{pose}"), format!("db/{species}/{species}{pose}.off"));
+            real.ok(&["get", "make.ron", &node, "-o", &file]);
+        }
+    }
+    real
+}
+
+fn metrics(real: &Real, more: &[&str], code: i32) -> Value {
+    let args = [&["get", "retrieval.ron", "metrics", "--format", "json"], &SET[..], more].concat();
+    let output = real.call(&args);
+    assert_eq!(output.status.code(), Some(code), "{}", text(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn a_database_is_ranked_and_a_new_shape_costs_its_own_row() {
+    let real = database();
+    let found = metrics(&real, &[], 0);
+    for key in ["nn", "first_tier", "second_tier", "e", "dcg", "map"] {
+        assert!(found[key].as_f64().is_some_and(|x| (0.0..=1.0).contains(&x)), "{key}: {found}");
+        assert!(found["per_class"]["Giraffe"][key].is_number());
+    }
+    assert_eq!(found["nn"], 1.0);
+    assert_eq!(found["precision_recall"].as_array().unwrap().len(), 11);
+    assert_eq!((&found["per_class"]["Cat"]["queries"], &found["failed"]), (&3.into(), &Value::Array(Vec::new())));
+    // Classes by a table or by names are the same classes.
+    real.write(
+        "labels.csv",
+        "id,class\n".to_owned()
+            + &["Cat", "Giraffe"].map(|c| (0..3).map(|i| format!("{c}{i}.off,{c}\n")).collect::<String>()).concat(),
+    );
+    assert_eq!(metrics(&real, &["--set", "labels=\"labels.csv\""], 0), found);
+    assert_eq!(metrics(&real, &["--set", "pattern=\"{class}#\""], 0), found);
+    let stderr = real.fails(1, &["get", "retrieval.ron", "metrics", "--set", "shapes=files(\"db/Cat/*.off\")"]);
+    assert!(stderr.contains("all shapes are of one class, `Cat`"), "{stderr}");
+    // One more shape: its own features, its own row of matches.
+    fs::copy(real.path("db/Cat/Cat2.off"), real.path("db/Cat/Cat3.off")).unwrap();
+    let line = real.read("db/Cat/Cat3.off");
+    real.write("db/Cat/Cat3.off", line.replacen("0.", "0.0", 1));
+    let events = real.events(&[&["retrieval.ron"], &SET[..]].concat());
+    let finished =
+        |kind: &str| events.iter().filter(|e| e["event"] == "finished" && e["kind"] == kind).collect::<Vec<_>>();
+    assert_eq!((finished("eigensolve").len(), finished("patch_spectrum").len()), (1, 1));
+    let figures = &finished("match_all")[0]["figures"];
+    assert_eq!((&figures["pairs computed"], &figures["pairs remembered"]), (&6.into(), &15.into()));
+}
+
+#[test]
+fn a_broken_shape_is_listed_and_the_rest_ranked() {
+    let real = database();
+    real.write("db/Cat/broken.off", "OFF\n3 1 0\n0 0 0\n");
+    let output = real.call(&[&["run", "retrieval.ron"], &SET[..]].concat());
+    assert_eq!(output.status.code(), Some(1));
+    let stdout = text(&output.stdout);
+    assert!(stdout.contains("1: broken") && stdout.contains("6 of 2 classes"), "{stdout}");
+    // `get` gives what there is, and says by its exit code that something failed.
+    assert_eq!(metrics(&real, &[], 1)["failed"], serde_json::json!(["broken"]));
+    let explained = ["--set", "a.path=\"db/Cat/Cat0.off\"", "--set", "b.path=\"db/Cat/Cat1.off\""];
+    let why = real.json(&[&["get", "explain.ron", "why"], &explained[..]].concat());
+    assert_eq!(why["terms"][0]["left"]["descriptor"].as_array().unwrap().len(), 21);
+    // Parts against the whole.
+    fs::remove_file(real.path("db/Cat/broken.off")).unwrap();
+    let partial = real.json(&[&["get", "partial_retrieval.ron", "metrics", "--set", "keep=0.8"], &SET[..]].concat());
+    assert_eq!((&partial["queries"], &partial["per_class"]["Cat"]["queries"]), (&6.into(), &3.into()));
+    assert!(partial["nn"].as_f64().unwrap() >= 0.5, "{partial}");
+}
