@@ -1,7 +1,7 @@
 //! Solves a graph matching problem from a file, or writes a synthetic one.
 //!
 //! ```text
-//! matching_file FILE.dd|FILE.dat [--nodes N] [--seconds S] [--solutions K] [--seed S] [--json]
+//! matching_file FILE.dd|FILE.dat [--nodes N] [--seconds S] [--solutions K] [--seed S] [--starts N] [--idle N] [--json]
 //! matching_file --make hard|none N SEED > FILE.dd
 //! ```
 //!
@@ -57,6 +57,8 @@ fn run(file: &str, args: &[String]) -> Result<(), Box<dyn Error>> {
         node_limit: option(args, "--nodes")?.unwrap_or(u64::MAX),
         solutions: option(args, "--solutions")?.unwrap_or(1),
         seed: option(args, "--seed")?.unwrap_or(0),
+        starts: option(args, "--starts")?.unwrap_or(Limits::default().starts),
+        idle_moves: option(args, "--idle")?.unwrap_or(Limits::default().idle_moves),
         ..Limits::default()
     };
     let seconds: f64 = option(args, "--seconds")?.unwrap_or(f64::INFINITY);

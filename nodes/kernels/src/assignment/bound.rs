@@ -71,9 +71,6 @@ impl Sub {
             if self.dwindled(edges) {
                 *self = self.compact();
                 (relax, edges) = (None, self.live());
-                if (how.stop)() {
-                    break;
-                }
             }
             let relax = relax.get_or_insert_with(|| Relax::new(self, how.stop));
             relax.run(how.iterations, how.stop);

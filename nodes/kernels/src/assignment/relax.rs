@@ -60,12 +60,21 @@ pub(super) struct Relax {
 
 const NONE: u32 = u32::MAX;
 
-impl Relax {
-    /// Ready to run. If stopped meanwhile it lacks constraints, which makes it a worse relaxation, not a wrong one.
-    pub fn new(sub: &Sub, stop: Stop) -> Self {
-        let pace = Pace::new(stop, 64);
-        let n = sub.vars.len();
-        let features = sub.n_left() + sub.n_right;
+/// The constraints on products, one for each variable and feature that needs one.
+struct Slots {
+    /// Of each entry, with the column's left and right feature; [`NONE`] where there is no constraint.
+    slot: [Vec<u32>; 2],
+    owner: Vec<u32>,
+    /// Where its dual variable starts.
+    value: Vec<f32>,
+    count: Vec<f32>,
+    /// Whether it is an equation.
+    free: Vec<bool>,
+}
+
+impl Slots {
+    fn new(sub: &Sub, pace: &Pace) -> Self {
+        let (n, features) = (sub.vars.len(), sub.n_left() + sub.n_right);
         let live = |e: usize| sub.w[e] != FORBIDDEN;
         let mut slot = [vec![NONE; sub.col.len()], vec![NONE; sub.col.len()]];
         let (mut owner, mut value, mut count, mut free) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -100,6 +109,16 @@ impl Relax {
                 }
             }
         }
+        Self { slot, owner, value, count, free }
+    }
+}
+
+impl Relax {
+    /// Ready to run. If stopped meanwhile it lacks constraints, which makes it a worse relaxation, not a wrong one.
+    pub fn new(sub: &Sub, stop: Stop) -> Self {
+        let (n, features) = (sub.vars.len(), sub.n_left() + sub.n_right);
+        let live = |e: usize| sub.w[e] != FORBIDDEN;
+        let Slots { slot, owner, value, count, free } = Slots::new(sub, &Pace::new(stop, 64));
         let dummy = owner.len() as u32;
         let of = |side: usize, e: usize| if slot[side][e] == NONE { dummy } else { slot[side][e] };
         let edges = || (0..n).flat_map(|a| sub.entries(a).filter(move |&e| sub.col[e] as usize > a && live(e)));

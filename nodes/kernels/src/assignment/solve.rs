@@ -42,7 +42,7 @@ impl Default for Limits {
             root_rounds: 30,
             node_rounds: 4,
             iterations: 40,
-            starts: 30,
+            starts: 60,
             idle_moves: 300,
             seed: 0,
             solutions: 1,

@@ -243,12 +243,9 @@ impl Sub {
 
     fn compress(&self, keep: &[bool], gone_left: u32, gone_right: u32) -> Self {
         let n = self.vars.len();
-        let (mut index, mut count) = (vec![u32::MAX; n], 0);
-        for a in (0..n).filter(|&a| keep[a]) {
-            index[a] = count;
-            count += 1;
-        }
         let kept: Vec<usize> = (0..n).filter(|&a| keep[a]).collect();
+        let mut index = vec![u32::MAX; n];
+        kept.iter().enumerate().for_each(|(at, &a)| index[a] = at as u32);
         let mut place = vec![u32::MAX; self.col.len()];
         let (mut row, mut col, mut old) = (vec![0_u32], Vec::new(), Vec::new());
         for &a in &kept {

@@ -181,18 +181,22 @@ impl<'a> Search<'a> {
         self.note();
     }
 
-    /// A new start. Odd rounds: a few random moves from the best. Even rounds: grown from two random candidates, or where all must be
-    /// matched, as many random moves as there are lefts.
+    /// A new start from the best: a random share of it is dropped and grown again about two random candidates. Where all must be matched: a few
+    /// random moves, or in even rounds as many as there are lefts.
     fn disturb(&mut self, round: usize) {
-        let n = self.m.left.len() as u64;
-        let mut moves = 2 + self.m.n_left / 8;
-        if round.is_multiple_of(2) {
-            moves = 2 + self.m.n_left;
-            if !self.m.mandatory {
-                self.load(&[]);
-                moves = 2;
+        let mut moves = 2;
+        if self.m.mandatory {
+            moves += if round.is_multiple_of(2) { self.m.n_left } else { self.m.n_left / 8 };
+        } else {
+            let dropped = 10 + self.random.below(80);
+            for left in 0..self.m.n_left {
+                let chosen = self.at_left[left];
+                if chosen != NONE && self.random.below(100) < dropped {
+                    self.remove(chosen as usize);
+                }
             }
         }
+        let n = self.m.left.len() as u64;
         for _ in 0..moves {
             let a = self.random.below(n) as usize;
             if let Some(change) = self.evaluate(a) {
@@ -307,7 +311,7 @@ impl<'a> Search<'a> {
     }
 
     fn apply(&mut self, change: Move) {
-        let tenure = 4 + self.m.n_left as u64 / 4;
+        let tenure = 4 + self.m.n_left as u64 / if self.m.mandatory { 4 } else { 7 };
         for b in change.eject.into_iter().filter(|&b| b != NONE) {
             self.remove(b as usize);
             self.tabu[b as usize] = self.clock + tenure + self.random.below(tenure);
