@@ -106,7 +106,7 @@ impl Geodesics {
     #[must_use]
     pub fn search(&self) -> Search<'_> {
         Search(match &self.0 {
-            Prepared::Graph(graph) => Work::Graph(graph, Dijkstra::new()),
+            Prepared::Graph(graph) => Work::Graph(graph, Box::default()),
             Prepared::Heat(heat) => Work::Heat(heat, HeatSearch::new()),
             Prepared::Exact(polyhedron) => Work::Exact(polyhedron, ExactSearch::new()),
         })
@@ -119,7 +119,7 @@ pub struct Search<'a>(Work<'a>);
 
 #[derive(Debug)]
 enum Work<'a> {
-    Graph(&'a Graph, Dijkstra),
+    Graph(&'a Graph, Box<Dijkstra>),
     Heat(&'a HeatMethod, HeatSearch),
     Exact(&'a Polyhedron, ExactSearch),
 }
