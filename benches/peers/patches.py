@@ -10,7 +10,7 @@ from runner import HERE, SALIENT, VENV_PYTHON, WORK, Failed, alternating, chosen
 VALUES = 21
 COUNT = 50
 #: (mesh, vertices of a patch about, rounds)
-CASES = [("creature-10k", 90, 5), ("creature-10k", 180, 5), ("creature-10k", 400, 4), ("creature-10k", 1000, 3), ("creature-10k", 2000, 3),
+CASES = [("creature-10k", 30, 5), ("creature-10k", 50, 5), ("creature-10k", 90, 5), ("creature-10k", 180, 5), ("creature-10k", 400, 4), ("creature-10k", 1000, 3), ("creature-10k", 2000, 3),
          ("creature-43k", 4000, 2)]
 QUICK = [("creature-5k", 90, 3), ("creature-5k", 1000, 2)]
 #: Up to this size of a patch LAPACK is worth waiting for.

@@ -130,7 +130,7 @@ impl<'a> DiscCutter<'a> {
             self.snap(&near, ball.radius);
         }
         let pieces = if clip { self.clipped(&near, ball.radius) } else { self.unclipped(&near) };
-        let patch = self.assemble(center, pieces, ball.radius);
+        let patch = self.assemble(center, &pieces, ball.radius);
         for &(v, _) in &settled {
             self.distance[v as usize] = f64::INFINITY;
             self.side[v as usize] = Side::Out;
@@ -240,9 +240,9 @@ impl<'a> DiscCutter<'a> {
     }
 
     /// Keeps the part about the centre, splits it into a manifold and measures it.
-    fn assemble(&mut self, center: u32, pieces: Pieces, radius: f64) -> Patch {
-        let (names, faces) = self.compact(&pieces);
-        let Some(local) = Local::new(names, faces, center) else {
+    fn assemble(&mut self, center: u32, pieces: &Pieces, radius: f64) -> Patch {
+        let (names, faces) = self.compact(pieces);
+        let Some(local) = Local::new(&names, faces, center) else {
             return Patch::empty();
         };
         let mut patch = Patch::empty();
@@ -337,7 +337,7 @@ struct Local {
 
 impl Local {
     /// `names` of corners, ascending, and the faces over them.
-    fn new(names: Vec<u32>, mut faces: Vec<[u32; 3]>, center: u32) -> Option<Self> {
+    fn new(names: &[u32], mut faces: Vec<[u32; 3]>, center: u32) -> Option<Self> {
         let center_name = names.binary_search(&center).ok()?;
         let start = faces.iter().position(|f| f.contains(&(center_name as u32)))?;
         let mut edges = adjacency::edges(names.len(), &faces).ok()?;

@@ -143,12 +143,10 @@ impl SymmetricCsr {
         let mut next = self.offsets.clone();
         for row in 0..self.n() {
             let middle = next[row];
-            let mut place = middle + 1;
             // Values are stored from 0.0: no negative zeros.
-            for at in above[row] as usize..above[row + 1] as usize {
+            for (place, at) in (middle + 1..).zip(above[row] as usize..above[row + 1] as usize) {
                 let (column, value) = (columns[at], 0.0 - weights[at]);
                 (self.columns[place], self.values[place]) = (column as u32, value);
-                place += 1;
                 let mirror = &mut next[column as usize];
                 (self.columns[*mirror], self.values[*mirror]) = (row as u32, value);
                 *mirror += 1;

@@ -227,11 +227,15 @@ fn settle_in_order<const LIST: bool>(
     round: &mut Vec<Waiting>,
 ) {
     let mut heap = Queue::default();
-    round.iter().for_each(|&(vertex, distance)| heap.push(distance, vertex));
+    for &(vertex, distance) in round.iter() {
+        heap.push(distance, vertex);
+    }
     while let Some((known, vertex)) = heap.pop() {
         visit::<LIST>(front, graph, distance, limit, settled, (vertex, known));
         front.take(round);
-        round.iter().for_each(|&(vertex, distance)| heap.push(distance, vertex));
+        for &(vertex, distance) in round.iter() {
+            heap.push(distance, vertex);
+        }
     }
 }
 

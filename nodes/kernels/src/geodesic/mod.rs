@@ -123,7 +123,7 @@ impl Geodesics {
     #[must_use]
     pub fn search_until<'a>(&'a self, stop: Stop<'a>) -> Search<'a> {
         let work = match &self.0 {
-            Prepared::Graph(graph) => Work::Graph(graph, Dijkstra::new()),
+            Prepared::Graph(graph) => Work::Graph(graph, Box::default()),
             Prepared::Heat(heat) => Work::Heat(heat, HeatSearch::new()),
             Prepared::Exact(polyhedron) => Work::Exact(polyhedron, ExactSearch::new()),
         };
@@ -145,7 +145,7 @@ impl fmt::Debug for Search<'_> {
 
 #[derive(Debug)]
 enum Work<'a> {
-    Graph(&'a Graph, Dijkstra),
+    Graph(&'a Graph, Box<Dijkstra>),
     Heat(&'a HeatMethod, HeatSearch),
     Exact(&'a Polyhedron, ExactSearch),
 }

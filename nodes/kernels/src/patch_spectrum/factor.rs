@@ -145,6 +145,19 @@ struct Node {
     values: usize,
 }
 
+/// A supernode of L, and the rows of a panel that it meets.
+struct Parts<'a, const L: usize> {
+    width: usize,
+    /// The column after its last.
+    end: usize,
+    rows: &'a [u32],
+    triangle: &'a [f64],
+    below: &'a [f64],
+    /// The panel's rows of its columns, and all after them.
+    top: &'a mut [Row<L>],
+    tail: &'a mut [Row<L>],
+}
+
 /// L by supernodes, each stored by rows: first the unit lower triangle, then a row for each later row that it touches.
 pub(super) struct Packed {
     interior: usize,
@@ -180,21 +193,27 @@ impl Packed {
     }
 
     #[inline(always)]
-    fn parts(&self, at: usize) -> (&Node, &[u32], &[f64], &[f64]) {
+    fn parts<'a, const L: usize>(&'a self, at: usize, x: &'a mut [Row<L>]) -> Parts<'a, L> {
         let node = &self.nodes[at];
         let (rows, values) =
             self.nodes.get(at + 1).map_or((self.rows.len(), self.values.len()), |next| (next.rows, next.values));
         let width = node.end - node.begin;
         let (triangle, below) = self.values[node.values..values].split_at(width * width);
-        (node, &self.rows[node.rows..rows], triangle, below)
+        let (head, tail) = x.split_at_mut(node.end);
+        Parts {
+            width,
+            end: node.end,
+            rows: &self.rows[node.rows..rows],
+            triangle,
+            below,
+            top: &mut head[node.begin..],
+            tail,
+        }
     }
 
     #[inline(always)]
     fn forward<const L: usize>(&self, at: usize, x: &mut [Row<L>]) {
-        let (node, rows, triangle, below) = self.parts(at);
-        let width = node.end - node.begin;
-        let (head, tail) = x.split_at_mut(node.end);
-        let top = &mut head[node.begin..];
+        let Parts { width, end, rows, triangle, below, top, tail } = self.parts(at, x);
         for r in 1..width {
             let (done, rest) = top.split_at_mut(r);
             let mut sum = rest[0];
@@ -206,7 +225,7 @@ impl Packed {
         let top = &*top;
         let (quads, rest) = rows.as_chunks::<4>();
         for (q, quad) in quads.iter().enumerate() {
-            let target = quad.map(|r| r as usize - node.end);
+            let target = quad.map(|r| r as usize - end);
             let mut sums = target.map(|t| tail[t]);
             let lines: [&[f64]; 4] = std::array::from_fn(|r| &below[(4 * q + r) * width..][..width]);
             for (c, x) in top.iter().enumerate() {
@@ -220,25 +239,22 @@ impl Packed {
         }
         for (r, &row) in rest.iter().enumerate() {
             let line = &below[(4 * quads.len() + r) * width..][..width];
-            let mut sum = tail[row as usize - node.end];
+            let mut sum = tail[row as usize - end];
             for (value, x) in line.iter().zip(top) {
                 add_multiple(&mut sum, -value, x);
             }
-            tail[row as usize - node.end] = sum;
+            tail[row as usize - end] = sum;
         }
     }
 
     #[inline(always)]
     fn backward<const L: usize>(&self, at: usize, x: &mut [Row<L>]) {
-        let (node, rows, triangle, below) = self.parts(at);
-        let width = node.end - node.begin;
-        let (head, tail) = x.split_at_mut(node.end);
-        let top = &mut head[node.begin..];
+        let Parts { width, end, rows, triangle, below, top, tail } = self.parts(at, x);
         let mut c = 0;
         while c + 4 <= width {
             let mut sums: [Row<L>; 4] = std::array::from_fn(|i| top[c + i]);
             for (&row, line) in rows.iter().zip(below.chunks_exact(width)) {
-                let x = tail[row as usize - node.end];
+                let x = tail[row as usize - end];
                 let line = &line[c..c + 4];
                 for i in 0..4 {
                     add_multiple(&mut sums[i], -line[i], &x);
@@ -250,7 +266,7 @@ impl Packed {
         for c in c..width {
             let mut sum = top[c];
             for (&row, line) in rows.iter().zip(below.chunks_exact(width)) {
-                add_multiple(&mut sum, -line[c], &tail[row as usize - node.end]);
+                add_multiple(&mut sum, -line[c], &tail[row as usize - end]);
             }
             top[c] = sum;
         }
