@@ -143,6 +143,10 @@ impl Artefact for Eigenpairs {
     fn differences(&self, other: &Self, _: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
         crate::differences::eigenpairs(self, other)
     }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::eigenpairs(self)
+    }
 }
 
 /// The node.

@@ -180,6 +180,10 @@ impl Artefact for Evaluation {
     fn differences(&self, other: &Self, _: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
         crate::differences::evaluations(self, other)
     }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::evaluation(self)
+    }
 }
 
 /// The node.

@@ -136,6 +136,10 @@ impl Artefact for Repeatability {
         }
         lines
     }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::repeatability(self)
+    }
 }
 
 /// The node.

@@ -124,6 +124,10 @@ impl Artefact for Operator {
     fn differences(&self, other: &Self, _: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
         crate::differences::operators(self, other)
     }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::operator(self)
+    }
 }
 
 /// The node.

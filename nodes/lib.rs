@@ -19,6 +19,7 @@ pub mod shuffle;
 pub mod simplify;
 pub mod synthesize;
 pub mod truth;
+pub mod views;
 
 use salient_sdk::AnyNode;
 

@@ -94,6 +94,10 @@ impl Artefact for Salient {
     fn differences(&self, other: &Self, surfaces: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
         crate::differences::maxima(self, other, surfaces)
     }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::maxima(&self.features)
+    }
 }
 
 /// The node.

@@ -226,6 +226,10 @@ impl Artefact for Patches {
     fn differences(&self, other: &Self, surfaces: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
         crate::differences::patches(self, other, surfaces)
     }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::patches(self)
+    }
 }
 
 fn flat<T: Copy>(patches: &[Patch], of: impl Fn(&Patch) -> &Vec<T>) -> Vec<T> {

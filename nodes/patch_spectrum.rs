@@ -190,6 +190,10 @@ impl Artefact for Features {
     fn differences(&self, other: &Self, surfaces: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
         crate::differences::features(self, other, surfaces)
     }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::features(self)
+    }
 }
 
 /// The node.

@@ -116,6 +116,10 @@ impl Artefact for Energy {
     fn differences(&self, other: &Self, _: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
         crate::differences::energies(self, other)
     }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::energy(self)
+    }
 }
 
 /// The node.

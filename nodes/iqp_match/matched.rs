@@ -187,6 +187,10 @@ impl Artefact for Match {
     fn differences(&self, other: &Self, surfaces: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
         crate::differences::matches(self, other, surfaces)
     }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::matched(self)
+    }
 }
 
 impl Match {

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use super::compare::Found;
-use super::plan::line;
 use super::text::{bytes, count, seconds, table};
 use crate::compare::{Comparison, NodeDifference};
 
@@ -124,7 +123,7 @@ fn pair_text(pair: &Comparison) -> String {
         let effect = if it.effect { "" } else { ", without effect" };
         let _ = writeln!(text, "  {word} {} ({}){effect}", it.node, it.kind);
         for cause in &it.causes {
-            let _ = writeln!(text, "    {}", line(cause));
+            let _ = writeln!(text, "    {cause}");
         }
         if it.causes.is_empty() {
             let _ = writeln!(text, "    equal params and inputs gave other outputs");

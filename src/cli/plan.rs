@@ -188,57 +188,11 @@ fn explain(explanation: &Explanation) -> String {
 /// Causes as indented lines, each followed by its own.
 pub fn cause_lines(causes: &[Cause], depth: usize, text: &mut String) {
     for cause in causes {
-        let _ = writeln!(text, "{}{}", "  ".repeat(depth), line(cause));
+        let _ = writeln!(text, "{}{cause}", "  ".repeat(depth));
         if let Cause::Input { because, .. } = cause {
             cause_lines(because, depth + 1, text);
         }
     }
-}
-
-/// A cause in words.
-pub fn line(cause: &Cause) -> String {
-    let value = |value: &Option<Value>| value.as_ref().map_or_else(|| "nothing".to_owned(), Value::to_string);
-    match cause {
-        Cause::NeverComputed => "it was never computed in this cache".into(),
-        Cause::FailedBefore { message } => format!("it failed last time: {message}"),
-        Cause::Kind { before, now } => format!("it was a `{before}`, is a `{now}`"),
-        Cause::Param { name, before, now } => {
-            format!("param `{name}` was {}, is {}", value(before), value(now))
-        }
-        Cause::File { param, before, now } if before == now => {
-            format!("the content of {now} (param `{param}`) changed")
-        }
-        Cause::File { param, before, now } => {
-            format!("param `{param}` names {now}, whose content is not that of {before}")
-        }
-        Cause::Read { param, beside } => {
-            format!("the content of {beside}, which lies beside the file of `{param}`, changed")
-        }
-        Cause::Input { port, label, from, because } => {
-            let label = if label.is_empty() { String::new() } else { format!(" [{label}]") };
-            let because = if because.is_empty() { " (see above)" } else { ":" };
-            format!("input `{port}`{label} from {from} changed or may change{because}")
-        }
-        Cause::MoreInputs { count: more } => format!("and {}", count(*more, "more input")),
-        Cause::Rewired { port, before, now } => {
-            format!("port `{port}` was fed by {}, is fed by {}", list(before), list(now))
-        }
-        Cause::Version { before, now } => {
-            format!("the node's version was {before}, is {now}")
-        }
-        Cause::Format { before, now } => {
-            format!("the format of its output was {before}, is {now}")
-        }
-        Cause::Evicted { needed_by } => {
-            format!("its output was removed from the cache, and {needed_by} needs it")
-        }
-        Cause::RecordGone => "nothing changed, but what the cache knew of it was removed or damaged".into(),
-        Cause::Unreadable { message } => message.clone(),
-    }
-}
-
-fn list(names: &[String]) -> String {
-    if names.is_empty() { "nothing".into() } else { some(names) }
 }
 
 /// `salient graph`.

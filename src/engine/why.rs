@@ -1,6 +1,7 @@
 //! Why a call is not in the cache: what changed, since when, back to the file or param that did it.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::fmt;
 use std::sync::Arc;
 
 use petgraph::graph::NodeIndex;
@@ -114,6 +115,54 @@ pub enum Cause {
         /// Which, and why.
         message: String,
     },
+}
+
+/// In words.
+impl fmt::Display for Cause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let value = |value: &Option<Value>| value.as_ref().map_or_else(|| "nothing".to_owned(), Value::to_string);
+        match self {
+            Self::NeverComputed => f.write_str("it was never computed in this cache"),
+            Self::FailedBefore { message } => write!(f, "it failed last time: {message}"),
+            Self::Kind { before, now } => write!(f, "it was a `{before}`, is a `{now}`"),
+            Self::Param { name, before, now } => write!(f, "param `{name}` was {}, is {}", value(before), value(now)),
+            Self::File { param, before, now } if before == now => {
+                write!(f, "the content of {now} (param `{param}`) changed")
+            }
+            Self::File { param, before, now } => {
+                write!(f, "param `{param}` names {now}, whose content is not that of {before}")
+            }
+            Self::Read { param, beside } => {
+                write!(f, "the content of {beside}, which lies beside the file of `{param}`, changed")
+            }
+            Self::Input { port, label, from, because } => {
+                let label = if label.is_empty() { String::new() } else { format!(" [{label}]") };
+                let because = if because.is_empty() { " (see above)" } else { ":" };
+                write!(f, "input `{port}`{label} from {from} changed or may change{because}")
+            }
+            Self::MoreInputs { count: 1 } => f.write_str("and 1 more input"),
+            Self::MoreInputs { count } => write!(f, "and {count} more inputs"),
+            Self::Rewired { port, before, now } => {
+                write!(f, "port `{port}` was fed by {}, is fed by {}", list(before), list(now))
+            }
+            Self::Version { before, now } => write!(f, "the node's version was {before}, is {now}"),
+            Self::Format { before, now } => write!(f, "the format of its output was {before}, is {now}"),
+            Self::Evicted { needed_by } => {
+                write!(f, "its output was removed from the cache, and {needed_by} needs it")
+            }
+            Self::RecordGone => f.write_str("nothing changed, but what the cache knew of it was removed or damaged"),
+            Self::Unreadable { message } => f.write_str(message),
+        }
+    }
+}
+
+/// The first of some names.
+fn list(names: &[String]) -> String {
+    match names {
+        [] => "nothing".into(),
+        [a, b, c, _, ..] => format!("{a}, {b}, {c} and {} more", names.len() - 3),
+        _ => names.join(", "),
+    }
 }
 
 /// Why a call would execute.

@@ -8,6 +8,7 @@ use serde_json::Value;
 use crate::codec::{Decoder, Encoder, FormatError};
 use crate::difference::{Difference, Surfaces, of_summaries};
 use crate::mesh::{Defect, Mesh};
+use crate::view::View;
 
 /// A node's typed output: plain arrays and a small header.
 ///
@@ -46,6 +47,11 @@ pub trait Artefact: Send + Sync + Sized + 'static {
     /// Rows for export as CSV.
     fn table(&self) -> Option<Table> {
         None
+    }
+
+    /// What can be seen of it, for reports: on the nearest surface upward, or between two.
+    fn view(&self) -> View<'_> {
+        View::default()
     }
 
     /// How `other`, an artefact of the same type, differs from this one, in the terms of the field and the most telling
@@ -88,6 +94,8 @@ pub trait AnyArtefact: Send + Sync {
     fn surface(&self) -> Option<&Mesh>;
     /// See [`Artefact::table`].
     fn table(&self) -> Option<Table>;
+    /// See [`Artefact::view`].
+    fn view(&self) -> View<'_>;
     /// See [`Artefact::differences`]; `None` if the other is of another type.
     fn differences(&self, other: &dyn AnyArtefact, surfaces: &Surfaces) -> Option<Vec<Difference>>;
     /// For downcasting to the concrete type.
@@ -119,6 +127,9 @@ impl<T: Artefact> AnyArtefact for T {
     }
     fn table(&self) -> Option<Table> {
         Artefact::table(self)
+    }
+    fn view(&self) -> View<'_> {
+        Artefact::view(self)
     }
     fn differences(&self, other: &dyn AnyArtefact, surfaces: &Surfaces) -> Option<Vec<Difference>> {
         Some(Artefact::differences(self, other.as_any().downcast_ref()?, surfaces))

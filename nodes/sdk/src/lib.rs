@@ -13,6 +13,7 @@
 //! | [`error`] | [`NodeError`] |
 //! | [`mesh`] | [`Mesh`] and its [`Defect`]s: the one artefact that many nodes make |
 //! | [`registry`] | [`Registry`]: all kinds of node that a host offers |
+//! | [`view`] | [`View`]: what can be seen of an artefact, for reports |
 //! | [`testing`] | running one node in memory, for tests |
 //!
 //! A node touches no file, clock, environment variable or global: it reads through its [`Context`],
@@ -30,6 +31,7 @@ pub mod params;
 pub mod port;
 pub mod registry;
 pub mod testing;
+pub mod view;
 
 pub use artefact::{AnyArtefact, Artefact, ArtefactType, Table};
 pub use codec::{ArrayView, Decoder, Encoder, FormatError};
@@ -42,3 +44,4 @@ pub use node::{AnyNode, BoundNode, Node};
 pub use params::{FileParam, ParamError, ParamInfo};
 pub use port::{Arity, Inputs, Port, PortValues};
 pub use registry::Registry;
+pub use view::View;
