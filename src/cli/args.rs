@@ -85,6 +85,38 @@ pub struct Effort {
     pub keep_going: bool,
 }
 
+/// A page with the results on the shapes themselves.
+#[derive(Args)]
+pub struct ReportChoice {
+    /// Write a page that shows the results on the shapes: one file, opened from disk in any browser
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
+    /// Whether the page holds the drawing library (0.5 MB), or many pages share one beside them
+    #[arg(long, value_enum, value_name = "WHERE", default_value = "inline", requires = "report")]
+    pub report_assets: AssetsChoice,
+    /// Surfaces with more vertices than this are shown simplified
+    #[arg(long, value_name = "VERTICES", default_value_t = crate::report::DETAIL as u32, requires = "report",
+        value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
+    pub report_detail: u32,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum AssetsChoice {
+    /// In the page
+    Inline,
+    /// In a file beside the page
+    Shared,
+}
+
+impl From<AssetsChoice> for crate::report::Assets {
+    fn from(choice: AssetsChoice) -> Self {
+        match choice {
+            AssetsChoice::Inline => Self::Inline,
+            AssetsChoice::Shared => Self::Shared,
+        }
+    }
+}
+
 #[derive(Args)]
 pub struct RunArgs {
     #[command(flatten)]
@@ -96,6 +128,8 @@ pub struct RunArgs {
     /// Write each result to this folder, as JSON and as safetensors
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    #[command(flatten)]
+    pub report: ReportChoice,
     /// Print events as lines of JSON on standard output; the last has `"event": "results"`, with the digest, summary
     /// and defects of each result
     #[arg(long)]
@@ -191,6 +225,8 @@ pub struct CompareArgs {
     pub cache: CacheChoice,
     #[command(flatten)]
     pub effort: Effort,
+    #[command(flatten)]
+    pub report: ReportChoice,
     /// Print one JSON document, with every differing node
     #[arg(long, conflicts_with = "csv")]
     pub json: bool,

@@ -15,6 +15,7 @@ mod failures;
 mod nodes;
 mod plan;
 mod progress;
+mod report;
 mod results;
 mod run;
 mod runs;
