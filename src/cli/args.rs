@@ -154,6 +154,14 @@ pub struct WatchArgs {
     /// hosts write to a network file system [default: notices, and a look every 2 seconds]
     #[arg(long, value_name = "SECONDS", value_parser = period)]
     pub poll: Option<Duration>,
+    /// Keep a page current that shows the results on the shapes. Without an address it is at 127.0.0.1:7700 (or, if that
+    /// is taken, at another port), where only this host reaches it
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "", value_parser = serve_address)]
+    pub serve: Option<String>,
+    /// Surfaces with more vertices than this are shown simplified
+    #[arg(long, value_name = "VERTICES", default_value_t = crate::report::DETAIL as u32, requires = "serve",
+        value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
+    pub report_detail: u32,
 }
 
 #[derive(Args)]
@@ -360,6 +368,14 @@ fn age(text: &str) -> Result<Duration, String> {
 fn period(text: &str) -> Result<Duration, String> {
     let seconds = text.parse::<f64>().ok().filter(|x| (0.05..=3600.0).contains(x));
     seconds.map(Duration::from_secs_f64).ok_or_else(|| "a number of seconds from 0.05 to 3600".into())
+}
+
+fn serve_address(text: &str) -> Result<String, String> {
+    let port = text.rsplit_once(':').filter(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok());
+    if text.is_empty() || port.is_some() {
+        return Ok(text.to_owned());
+    }
+    Err("an address is HOST:PORT, as 127.0.0.1:7700 or 0.0.0.0:0; for the usual one write --serve last, after the graph".into())
 }
 
 fn gigabytes(text: &str) -> Result<u64, String> {

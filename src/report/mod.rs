@@ -6,6 +6,7 @@
 //! | [`blobs`] | the arrays, by content |
 //! | [`gather`] | recorded runs and the cache -> scene |
 //! | `surface` | large meshes simplified, values in 16 bits |
+//! | [`serve`] | the live page of a watch |
 //! | [`page`] | markup, style, library (three.js) and script around a scene |
 //!
 //! `run`, `compare` and `watch` show the same scene, made from the same records as [`crate::compare`]. A report holds its
@@ -15,6 +16,7 @@ pub mod blobs;
 pub mod gather;
 pub mod page;
 pub mod scene;
+pub mod serve;
 mod surface;
 
 use crate::compare::{Comparison, Library, Side, figures, stages};

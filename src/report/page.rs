@@ -15,7 +15,7 @@ pub const LIBRARY: &str = include_str!("page/vendor/three.min.js");
 /// Its file name beside pages that share it.
 pub const LIBRARY_NAME: &str = "salient-three-r187.js";
 /// Our own scripts, in the order in which they build on each other; they share one scope.
-const SCRIPTS: [&str; 10] = [
+const SCRIPTS: [&str; 11] = [
     include_str!("page/data.js"),
     include_str!("page/colour.js"),
     include_str!("page/charts.js"),
@@ -25,6 +25,7 @@ const SCRIPTS: [&str; 10] = [
     include_str!("page/graph.js"),
     include_str!("page/details.js"),
     include_str!("page/controls.js"),
+    include_str!("page/live.js"),
     include_str!("page/app.js"),
 ];
 

@@ -320,7 +320,7 @@ function stepFeature(by) {
 }
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || !scene || byId("keys").open) return;
-  const typing = event.target.closest("input, select, textarea, button, .box");
+  const typing = event.target.closest?.("input, select, textarea, button, .box");
   if (typing && (event.key.startsWith("Arrow") || event.key === " " || event.target.tagName === "SELECT")) return;
   const action = KEYS[event.key];
   if (!action) return;

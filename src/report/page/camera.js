@@ -33,7 +33,7 @@ class Camera {
     model.multiply(new THREE.Matrix4().makeScale(1 / radius, 1 / radius, 1 / radius));
     model.multiply(new THREE.Matrix4().makeTranslation(-centre[0], -centre[1], -centre[2]));
     // A weak perspective: depth is seen, sizes stay comparable between panels.
-    const distance = 6, fit = 1.12 / this.zoom, near = distance - 2.2, far = distance + 2.2;
+    const distance = 6, fit = 1.08 / this.zoom, near = distance - 2.2, far = distance + 2.2;
     const wide = fit * Math.max(1, aspect), high = fit * Math.max(1, 1 / aspect);
     const shiftX = this.shift[0] * fit, shiftY = this.shift[1] * fit;
     const scale = near / distance;

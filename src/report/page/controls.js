@@ -82,7 +82,7 @@ function showLegend(range) {
   const byFrequency = panels.some((panel) => panel.marks?.length) && (view?.kind !== "pairs" || pairColour(view) === "frequency");
   if (byFrequency) {
     const [low, high] = frequencyRange();
-    parts.push(bar(FREQUENCY, number(low), "", number(high), "features: λ, 1/length²; larger: larger scale"));
+    parts.push(bar(FREQUENCY, number(low), "", number(high), "features by λ, 1/length² (size: scale)"));
   }
   byId("legend").replaceChildren(...parts);
 }

@@ -1,6 +1,6 @@
 // The graph as a picture: layers from inputs to results. Instances of one node on an axis are one box when there are many.
 
-const BOX_WIDTH = 104, BOX_HEIGHT = 34, GAP_X = 14, GAP_Y = 24, MANY = 60;
+const BOX_WIDTH = 104, BOX_HEIGHT = 31, GAP_X = 14, GAP_Y = 13, MANY = 60;
 
 const template = (address) => address.replace(/\[[^\]]*\]/g, "");
 
@@ -71,7 +71,7 @@ function showGraph(scene, onSelect) {
   for (const box of laid.list) {
     for (const [key, port] of box.inputs) {
       const from = laid.boxes.get(key), x0 = from.x, y0 = from.y + BOX_HEIGHT / 2, x1 = box.x, y1 = box.y - BOX_HEIGHT / 2;
-      const bend = Math.max(14, (y1 - y0) / 2);
+      const bend = Math.max(8, (y1 - y0) / 2);
       root.append(svg("path", { class: "wire", d: `M${x0},${y0}C${x0},${y0 + bend} ${x1},${y1 - bend} ${x1},${y1}` },
         svg("title", {}, `${template(side.nodes[from.nodes[0]].address)} → ${port}`)));
     }
@@ -88,8 +88,8 @@ function showGraph(scene, onSelect) {
       "data-node": box.nodes[0], transform: `translate(${box.x - BOX_WIDTH / 2},${box.y - BOX_HEIGHT / 2})`,
       "aria-label": `${name}, ${first.kind}, ${under}` },
       svg("rect", { width: BOX_WIDTH, height: BOX_HEIGHT, rx: 5 }),
-      svg("text", { x: BOX_WIDTH / 2, y: 14, "text-anchor": "middle", class: "name" }, short),
-      svg("text", { x: BOX_WIDTH / 2, y: 27, "text-anchor": "middle", class: "under" }, under),
+      svg("text", { x: BOX_WIDTH / 2, y: 13, "text-anchor": "middle", class: "name" }, short),
+      svg("text", { x: BOX_WIDTH / 2, y: 25, "text-anchor": "middle", class: "under" }, under),
       defects ? svg("text", { x: BOX_WIDTH - 6, y: 13, "text-anchor": "end", class: "defect" }, "!") : null,
       svg("title", {}, `${name} (${first.kind})`));
     const select = () => onSelect(scene.sides.indexOf(side), box.nodes);

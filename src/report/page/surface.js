@@ -43,10 +43,12 @@ const POINT_FRAGMENT = `
   void main() {
     vec2 d = 2.0 * gl_PointCoord - 1.0;
     float r = length(d);
-    if (r > 1.0) discard;
-    float z = sqrt(1.0 - r * r);
+    float alpha = 1.0 - smoothstep(1.0 - 2.0 / vSize, 1.0, r);
+    if (alpha < 0.05) discard;
+    float z = sqrt(max(0.0, 1.0 - r * r));
     float light = 0.6 + 0.45 * dot(normalize(vec3(d.x, -d.y, z)), normalize(vec3(0.35, 0.5, 0.8)));
-    gl_FragColor = vec4(mix(vColour * light, uEdge, smoothstep(1.0 - 4.0 / vSize, 1.0 - 2.0 / vSize, r)), 1.0);
+    float edge = smoothstep(1.0 - 4.5 / vSize, 1.0 - 2.5 / vSize, r);
+    gl_FragColor = vec4(mix(vColour * light, uEdge, 0.8 * edge), alpha);
   }`;
 
 let maps = null; // textures, made once
@@ -213,8 +215,9 @@ class Skin {
     const positions = new Float32Array(points.flatMap(({ at }) => [...this.positions.subarray(3 * at, 3 * at + 3)]));
     const colours = new Float32Array(points.flatMap(({ colour }) => colour.map((x) => x / 255)));
     const shape = geometry({ position: [positions, 3], colour: [colours, 3], size: [new Float32Array(points.map((p) => p.size)), 1] });
+    // Transparent at its rim only, so it may hide what is behind it.
     this.points = drawn(THREE.Points, shape, POINT_VERTEX, POINT_FRAGMENT,
-      { uPixels: { value: 1 }, uEdge: { value: new THREE.Vector3(0.08, 0.09, 0.12) } });
+      { uPixels: { value: 1 }, uEdge: { value: new THREE.Vector3(0.08, 0.09, 0.12) } }, { transparent: true });
     this.scene.add(this.points);
   }
 
