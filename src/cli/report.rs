@@ -8,9 +8,9 @@ use super::args::ReportChoice;
 use super::fail::Fail;
 use super::text::complain;
 use crate::compare::{Comparison, Library, Side, sides};
+use crate::engine::Cache;
 use crate::engine::cache::write_atomic;
 use crate::engine::history::{RunRecord, RunSummary};
-use crate::engine::Cache;
 use crate::report::page::{self, LIBRARY, LIBRARY_NAME};
 use crate::report::{Assets, Gatherer, scene};
 

@@ -42,8 +42,15 @@ pub fn watch(args: &WatchArgs, registry: &Registry) -> Result<(), Fail> {
         }
     };
     ctrlc::set_handler(handler).map_err(|e| Fail::Lacking(format!("cannot listen for interrupts: {e}")))?;
-    let mut teller =
-        Teller { json: args.json, out: args.out.clone(), stop, progress: None, shown: BTreeMap::new(), page, fail: None };
+    let mut teller = Teller {
+        json: args.json,
+        out: args.out.clone(),
+        stop,
+        progress: None,
+        shown: BTreeMap::new(),
+        page,
+        fail: None,
+    };
     watch.run(&mut teller)?;
     Err(teller.fail.unwrap_or(Fail::Interrupted))
 }

@@ -65,12 +65,7 @@ impl Gatherer {
     }
 
     /// What the sides show; `head` has all that does not come from artefacts, and gets the rest.
-    pub fn gather(
-        &mut self,
-        sides: &[Side],
-        library: &Library,
-        mut head: Scene,
-    ) -> Result<(Scene, Blobs), CacheError> {
+    pub fn gather(&mut self, sides: &[Side], library: &Library, mut head: Scene) -> Result<(Scene, Blobs), CacheError> {
         let mut making = Making::default();
         for side in sides {
             head.sides.push(self.side(side, library, &mut making)?);
@@ -94,7 +89,8 @@ impl Gatherer {
         for (side, scene) in sides.iter().zip(&head.sides) {
             if scene.nodes.len() < side.calls.len() {
                 let (shown, all) = (scene.nodes.len(), side.calls.len());
-                head.notes.push(format!("{shown} of {all} nodes of {} are shown, those nearest to the results", side.name));
+                head.notes
+                    .push(format!("{shown} of {all} nodes of {} are shown, those nearest to the results", side.name));
             }
         }
         head.surfaces = making.surfaces;
@@ -127,9 +123,7 @@ impl Gatherer {
             let (Some(one), Some(other)) = (end(left)?, end(right)?) else { continue };
             let ends = [one, other];
             let points = [left, right].map(|from| index.get(&from).copied());
-            let judge = verdicts.iter().find(|(node, it)| {
-                input(side, calls[*node], it.port) == Some(calls[i])
-            });
+            let judge = verdicts.iter().find(|(node, it)| input(side, calls[*node], it.port) == Some(calls[i]));
             scene.links.push(linked(i, &it, ends, points, judge.or_else(|| about(&verdicts, &it)), &making.places));
         }
         let shown = side.shown.iter().filter_map(|(address, call)| Some(((*address).to_owned(), *index.get(call)?)));

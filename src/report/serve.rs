@@ -92,19 +92,11 @@ impl Server {
     /// Serves at an address (`HOST:PORT`), or at the usual place if it is empty. The title is that of the page before
     /// its first scene.
     pub fn start(address: &str, title: &str) -> io::Result<Self> {
-        let listener = if address.is_empty() {
-            bind(USUAL).or_else(|_| bind("127.0.0.1:0"))
-        } else {
-            bind(address)
-        }?;
+        let listener = if address.is_empty() { bind(USUAL).or_else(|_| bind("127.0.0.1:0")) } else { bind(address) }?;
         listener.set_nonblocking(true)?;
         let host = address.rsplit_once(':').map_or("", |(host, _)| host).to_lowercase();
-        let shared = Arc::new(Shared {
-            page: page::live(title),
-            host,
-            now: Mutex::default(),
-            changes: watch::Sender::new(0),
-        });
+        let shared =
+            Arc::new(Shared { page: page::live(title), host, now: Mutex::default(), changes: watch::Sender::new(0) });
         let address = listener.local_addr()?;
         let router = router(shared.clone());
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
@@ -193,7 +185,10 @@ impl Shared {
 fn router(shared: Arc<Shared>) -> Router {
     Router::new()
         .route("/", get(async |State(it): State<Arc<Shared>>| Html(it.page.clone())))
-        .route("/events", get(async |State(it): State<Arc<Shared>>| Sse::new(news(it)).keep_alive(KeepAlive::default())))
+        .route(
+            "/events",
+            get(async |State(it): State<Arc<Shared>>| Sse::new(news(it)).keep_alive(KeepAlive::default())),
+        )
         .route("/scene.json", get(scene))
         .route("/blob/{name}", get(blob))
         .layer(from_fn_with_state(shared.clone(), guard))
@@ -203,7 +198,8 @@ fn router(shared: Arc<Shared>) -> Router {
 async fn guard(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
     let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();
     if !shared.is_meant(host) {
-        return (StatusCode::FORBIDDEN, "this page is reached by an address or by the name given to --serve\n").into_response();
+        return (StatusCode::FORBIDDEN, "this page is reached by an address or by the name given to --serve\n")
+            .into_response();
     }
     let mut response = next.run(request).await;
     let headers = response.headers_mut();
@@ -236,10 +232,8 @@ async fn blob(State(shared): State<Arc<Shared>>, Path(name): Path<String>) -> Re
     };
     let Some(bytes) = found else { return StatusCode::NOT_FOUND.into_response() };
     // A name stands for one content forever.
-    let head = [
-        (header::CONTENT_TYPE, "application/octet-stream"),
-        (header::CACHE_CONTROL, "max-age=31536000, immutable"),
-    ];
+    let head =
+        [(header::CONTENT_TYPE, "application/octet-stream"), (header::CACHE_CONTROL, "max-age=31536000, immutable")];
     (head, Body::from(bytes.to_vec())).into_response()
 }
 
@@ -286,15 +280,20 @@ mod tests {
         for host in ["evil.example", "evil.example:7700", "localhost.evil.example", "", "127.0.0.1.evil.example:7700"] {
             assert_eq!(status(&ask(&server, "/", host)), "403", "{host}");
         }
-        for path in ["/etc/passwd", "/../Cargo.toml", "/blob/..%2fCargo.toml", "/blob/x", "/scene.json", "/page/app.js"] {
+        for path in ["/etc/passwd", "/../Cargo.toml", "/blob/..%2fCargo.toml", "/blob/x", "/scene.json", "/page/app.js"]
+        {
             assert_eq!(status(&ask(&server, path, "localhost")), "404", "{path}");
         }
     }
 
     #[test]
     fn a_name_given_to_serve_is_answered() {
-        let shared =
-            Shared { page: String::new(), host: "box.lan".into(), now: Mutex::default(), changes: watch::Sender::new(0) };
+        let shared = Shared {
+            page: String::new(),
+            host: "box.lan".into(),
+            now: Mutex::default(),
+            changes: watch::Sender::new(0),
+        };
         assert!(shared.is_meant("box.lan:7700") && shared.is_meant("Box.LAN"));
         assert!(!shared.is_meant("other.lan:7700"));
     }

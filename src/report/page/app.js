@@ -233,7 +233,7 @@ function regionOf(panel) {
   if (!picked || picked.index === undefined || picked.side !== panel.side || state.morph) return null;
   const own = picked.points === panel.points && (picked.end ?? panel.end) === panel.end ? picked.index : null;
   const partner = own === null && panel.end !== undefined ? partnerOf(picked) : null;
-  const index = own ?? (partner?.end === panel.end ? partner.index : null);
+  const index = own ?? (partner && partner.end === panel.end ? partner.index : null);
   const regions = panel.points === undefined ? null : scene.sides[panel.side].points[panel.points].regions;
   if (index === null || index === undefined || !regions) return null;
   const before = regions.sizes.slice(0, index).reduce(([v, f], [w, g]) => [v + w, f + g], [0, 0]), [v, f] = regions.sizes[index];
@@ -288,6 +288,13 @@ function selectNodes(side, nodes) {
 }
 const shownHere = (side, surface) => panels.some((panel) => panel.side === side && panel.surface === surface);
 
+// Cameras stay where they are when they are taken apart; the first panel's is the one when they are joined.
+function link(linked) {
+  if (linked) sharedCamera.take(panels[0]?.camera ?? sharedCamera);
+  else panels.forEach((panel) => panel.camera.take(sharedCamera));
+  setState({ linked });
+}
+
 function step(list, now, by) { return list[(list.indexOf(now) + by + list.length) % list.length]; }
 
 const KEYS = {
@@ -297,7 +304,7 @@ const KEYS = {
   n: () => stepFeature(1), p: () => stepFeature(-1),
   m: () => { const view = currentView(); if (view?.kind === "pairs") setState({ set: (state.set + 1) % view.groups[0].link.sets.length }); },
   v: () => setState({ view: step(views().map((it) => it.id), state.view, 1), picked: null }),
-  l: () => setState({ lines: !state.lines }), c: () => setState({ linked: !state.linked }),
+  l: () => setState({ lines: !state.lines }), c: () => link(!state.linked),
   r: () => { state.up = null; resetCameras(); showControls(); },
   t: () => changeTheme(), "?": () => byId("keys").showModal(),
   Escape: () => setState({ picked: null, field: state.field === "distance" ? "" : state.field }),
@@ -359,7 +366,7 @@ function show(next) {
   document.title = scene.title;
   byId("title").textContent = scene.title;
   const when = scene.when ? new Date(scene.when).toLocaleString() : "";
-  byId("run").textContent = [scene.program, when, `${number(scene.seconds)} s`, `${scene.sides.reduce((sum, side) => sum + side.nodes.length, 0)} nodes`].filter(Boolean).join(" · ");
+  byId("run").textContent = [scene.program, when, secondsText(scene.seconds), `${scene.sides.reduce((sum, side) => sum + side.nodes.length, 0)} nodes`].filter(Boolean).join(" · ");
   byId("notes").replaceChildren(...[noDrawing, ...scene.notes].filter(Boolean).map((text) => element("p", {}, text)));
   if (first && !state.field) state.field = "";
   showGraph(scene, selectNodes);
@@ -386,6 +393,6 @@ function trouble(text) {
 
 startDrawing();
 // For tests and for the curious: the page's state, and its drawing at once.
-window.salient = { state, setState, setK, draw, seen, panels: () => panels, scene: () => scene, camera: () => panels.map((panel) => cameraOf(panel).copy()) };
+window.salient = { state, setState, setK, draw, seen, pick: pickAt, panels: () => panels, scene: () => scene, camera: () => panels.map((panel) => cameraOf(panel).copy()) };
 if (embedded) show(JSON.parse(embedded.textContent));
 else follow();

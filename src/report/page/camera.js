@@ -25,6 +25,7 @@ class Camera {
 
   scale(factor) { this.zoom = Math.max(0.2, Math.min(30, this.zoom * factor)); }
   move(x, y) { this.shift = [this.shift[0] + x, this.shift[1] + y]; }
+  take(other) { [this.turn, this.zoom, this.shift] = [other.turn.clone(), other.zoom, [...other.shift]]; }
   copy() { return { turn: this.turn.toArray(), zoom: this.zoom, shift: [...this.shift] }; }
 
   // From the shape's coordinates to those of a panel of this aspect: x and y from -1 to 1.

@@ -89,13 +89,13 @@ function barChart(chart) {
 }
 
 // Long bars beside their names: time by stage.
-function listChart(title, unit, rows, series) {
+function listChart(title, rows, series) {
   const most = Math.max(...rows.flatMap((row) => row.values.map((v) => v ?? 0)), 1e-9);
   const body = element("table", { class: "bars" }, rows.map((row) => element("tr", {},
     element("th", { scope: "row" }, row.name),
     element("td", {}, row.values.map((v, s) => element("div", { class: "long" },
       element("i", { style: `width:${(100 * (v ?? 0) / most).toFixed(1)}%;background:${SERIES[s % SERIES.length]}` }),
-      element("span", {}, v === null ? "–" : `${number(v)} ${unit}`)))))));
+      element("span", {}, secondsText(v))))))));
   return figure(title, body, series.length > 1 ? series : []);
 }
 
@@ -147,6 +147,6 @@ function showCharts(scene) {
   const box = byId("charts");
   const charts = merged(scene).map((chart) => chartOf(chart.marks.kind === "matrix" ? chart : { ...chart, series: distinct(chart.series) }));
   const rows = scene.stages.map((stage) => ({ name: stage.kind, values: stage.costs.map((cost) => cost && cost.seconds) }));
-  if (rows.length) charts.push(listChart("Time by stage", "s", rows, scene.sides));
+  if (rows.length) charts.push(listChart("Time by stage", rows, scene.sides));
   box.replaceChildren(...charts);
 }

@@ -45,7 +45,7 @@ function showControls() {
     }
     parts.push(tick("lines", "lines", state.lines, (lines) => setState({ lines })));
   }
-  if (panels.length > 1) parts.push(tick("cameras linked", "linked", state.linked, (linked) => setState({ linked })));
+  if (panels.length > 1) parts.push(tick("cameras linked", "linked", state.linked, link));
   parts.push(choice("up", "up", [["Y", "Y"], ["Z", "Z"], ["X", "X"]], upNow(), (up) => { state.up = up; resetCameras(); }));
   parts.push(element("button", { type: "button", onclick: () => { state.up = null; resetCameras(); showControls(); } }, "first camera"));
   box.replaceChildren(...parts);

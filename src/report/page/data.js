@@ -72,6 +72,13 @@ function number(x) {
   return String(Number(x.toPrecision(4))).replace("-", "−");
 }
 
+// A time for people.
+function secondsText(x) {
+  if (x === null || x === undefined) return "–";
+  if (x < 0.0995) return `${Number((1000 * x).toPrecision(2))} ms`;
+  return `${x < 10 ? Number(x.toPrecision(2)) : Math.round(x)} s`;
+}
+
 const thousands = (n) => n.toLocaleString("en").replace(/,/g, " ");
 function bytesText(n) {
   for (const unit of ["B", "kB", "MB"]) {

@@ -23,7 +23,7 @@ function nodeCard(side, index) {
     node.defects.map((text) => element("p", { class: "defect" }, `! ${text}`)),
     rows(node.summary),
     element("h3", {}, "Run"),
-    rows([["outcome", outcome], node.seconds !== null && ["time", `${number(node.seconds)} s`], node.bytes !== null && ["output", bytesText(node.bytes)],
+    rows([["outcome", outcome], node.seconds !== null && ["time", secondsText(node.seconds)], node.bytes !== null && ["output", bytesText(node.bytes)],
       ...node.why.map((text) => ["why", text])]),
     params.length ? [element("h3", {}, "Params"), rows(params)] : null,
     node.files.length ? [element("h3", {}, "Files"), rows(node.files)] : null,
@@ -123,10 +123,10 @@ function showDifferences() {
     return [...head, element("tr", { class: new Set(values).size > 1 ? "differs" : "" }, element("th", { scope: "row" }, row.figure), values.map((v) => element("td", {}, v)))];
   });
   const table = element("table", { class: "figures" }, element("tr", {}, element("th", {}), names.map((name) => element("th", { scope: "col" }, name))), lines);
-  const pairs = scene.differences.map((pair) => {
+  const pairs = scene.differences.map((pair, i) => {
     const first = pair.diverging[0];
     const where = first ? `part first at ${first.node} (${first.kind}): ${first.text.join("; ") || "no known cause"}` : "no difference";
-    return element("details", {}, element("summary", {}, element("b", {}, `${pair.left} ↔ ${pair.right}`), ` ${where}`),
+    return element("details", { open: i === 0 && scene.differences.length === 1 }, element("summary", {}, element("b", {}, `${pair.left} ↔ ${pair.right}`), ` ${where}`),
       pair.diverging.slice(1).map((it) => element("p", {}, `also at ${it.node} (${it.kind}): ${it.text.join("; ")}${it.effect ? "" : ", without effect"}`)),
       element("p", {}, `${pair.nodes.length} outputs differ, ${pair.equal} are the same`),
       pair.nodes.filter((it) => it.differences?.length || it.note).map((it) => element("div", {}, element("h4", {}, `${it.node} (${it.kind})`),

@@ -67,7 +67,7 @@ function showGraph(scene, onSelect) {
   }
   const laid = boxesOf(side), { width, height } = place(laid);
   const shown = new Set(side.shown.map(([, node]) => node));
-  const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, width, height, role: "group", "aria-label": "Graph of nodes" });
+  const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, width: width < 620 ? Math.min(width, byId("left").clientWidth - 36) : width, role: "group", "aria-label": "Graph of nodes" });
   for (const box of laid.list) {
     for (const [key, port] of box.inputs) {
       const from = laid.boxes.get(key), x0 = from.x, y0 = from.y + BOX_HEIGHT / 2, x1 = box.x, y1 = box.y - BOX_HEIGHT / 2;
@@ -82,7 +82,7 @@ function showGraph(scene, onSelect) {
     const seconds = nodes.reduce((sum, node) => sum + (node.outcome === "computed" ? node.seconds ?? 0 : 0), 0);
     const defects = nodes.some((node) => node.defects.length);
     const state = worst(nodes);
-    const under = state === "computed" ? `${number(seconds)} s` : state === "hit" ? "cache" : state;
+    const under = state === "computed" ? secondsText(seconds) : state === "hit" ? "cache" : state;
     const short = name.length > 16 ? `…${name.slice(-15)}` : name;
     const group = svg("g", { class: `box ${state}${box.nodes.some((i) => shown.has(i)) ? " shown" : ""}`, tabindex: 0, role: "button",
       "data-node": box.nodes[0], transform: `translate(${box.x - BOX_WIDTH / 2},${box.y - BOX_HEIGHT / 2})`,

@@ -1,6 +1,6 @@
 // The live page: the server says what it is doing and which scene is the newest; the page fetches what it lacks.
 
-let shownRevision = 0, fetching = false, news = null;
+let shownRevision = 0, fetching = false, news = null, failures = 0;
 
 function follow() {
   const box = byId("live");
@@ -32,11 +32,13 @@ async function fetchScene() {
     show(next);
     shownRevision = revision;
     window.salient.revision = revision;
+    failures = 0;
   } catch (error) {
     // A newer scene may have replaced this one meanwhile; its number comes with the next news.
     console.warn(String(error));
+    failures++;
     await new Promise((wait) => setTimeout(wait, 200));
   }
   fetching = false;
-  if (news.revision !== shownRevision) fetchScene();
+  if (news.revision !== shownRevision && failures < 5) fetchScene();
 }
