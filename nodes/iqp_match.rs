@@ -28,6 +28,7 @@ use salient_sdk::{Context, Inputs, Node, NodeError, Port, PortValues};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::pair_scores::PairScore;
 use crate::patch_spectrum::Features;
 
 mod matched;
@@ -254,6 +255,38 @@ impl Node for IqpMatch {
             orientation: None,
         })
     }
+}
+
+/// What the best match found by `effort` comes to, without its pairs, proof and twins: for ranking, where there are many pairs.
+pub(crate) fn outcome(
+    left: &Features,
+    right: &Features,
+    params: &Params,
+    effort: &Limits,
+    cx: Context,
+) -> Result<PairScore, NodeError> {
+    let stretch = stretch::search(left, right, params, cx)?;
+    let model = Model::new(left, right, params, stretch);
+    let problem = model.problem(|_| 0.0).map_err(|e| unbuildable(&e))?;
+    let control = Control { stop: &|| cx.cancelled(), progress: &|_| {} };
+    let solution = assignment::solve(&problem, effort, &control).map_err(unsolvable)?;
+    cx.check()?;
+    Ok(PairScore {
+        objective: solution.objective,
+        descriptors: solution.candidates.iter().map(|a| model.alone(&model.candidates[*a])).sum(),
+        matched: solution.candidates.len() as u32,
+    })
+}
+
+/// The objective of a shape matched with itself, each described feature with itself.
+pub(crate) fn own(shape: &Features, params: &Params) -> f64 {
+    let described: Vec<usize> = (0..shape.features.len()).filter(|i| shape.descriptors[*i].is_ok()).collect();
+    let reached = |i: usize| described.iter().filter(|j| **j != i && shape.distance(i, **j).is_some()).count();
+    let supports: usize = described.iter().map(|i| reached(*i)).sum();
+    let unmatched = 2 * (shape.features.len() - described.len());
+    // Every kernel is 1 at 0, and H counts each pair twice.
+    params.beta * described.len() as f64 + (1.0 - params.agreement) * supports as f64
+        - params.unmatched * unmatched as f64
 }
 
 fn unbuildable(e: &assignment::ProblemError) -> NodeError {

@@ -9,17 +9,29 @@ pub mod feature;
 pub mod iqp_match;
 pub mod laplacian;
 pub mod load;
+pub mod match_all;
 pub mod maxima;
 pub mod orient_match;
+pub mod pair_scores;
 pub mod patch_extract;
 pub mod patch_spectrum;
+pub mod rank;
 pub mod reconstruct;
 pub mod reconstruction_energy;
+pub mod retrieval_metrics;
+pub mod score;
+pub mod shape_dna;
 pub mod shuffle;
+pub mod signature;
+pub mod signature_similarity;
+pub mod similarity;
 pub mod simplify;
+pub mod spectral_signature;
 pub mod synthesize;
+pub mod synthesize_object;
 pub mod truth;
 pub mod views;
+pub mod volume_signature;
 
 use salient_sdk::AnyNode;
 
@@ -29,16 +41,27 @@ pub static NODES: &[&dyn AnyNode] = &[
     &eigensolve::Eigensolve,
     &evaluate_match::EvaluateMatch,
     &evaluate_repeatability::EvaluateRepeatability,
+    &spectral_signature::HeatSignature,
     &iqp_match::IqpMatch,
     &laplacian::Laplacian,
     &load::Load,
+    &match_all::MatchAll,
     &maxima::Maxima,
     &orient_match::OrientMatch,
     &patch_extract::PatchExtract,
     &patch_spectrum::PatchSpectrum,
+    &rank::Rank,
     &reconstruct::Reconstruct,
     &reconstruction_energy::ReconstructionEnergy,
+    &retrieval_metrics::RetrievalMetrics,
+    &score::Score,
+    &shape_dna::ShapeDna,
     &shuffle::Shuffle,
+    &signature_similarity::SignatureSimilarity,
     &simplify::Simplify,
     &synthesize::Synthesize,
+    &synthesize_object::SynthesizeObject,
+    &volume_signature::ViewSignature,
+    &volume_signature::VolumeSignature,
+    &spectral_signature::WaveSignature,
 ];

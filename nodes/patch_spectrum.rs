@@ -96,6 +96,21 @@ impl Features {
         let d = self.distances[a * self.features.len() + b];
         (d >= 0.0).then_some(d)
     }
+
+    /// The first `count` of them.
+    #[must_use]
+    pub fn first(&self, count: usize) -> Self {
+        let n = count.min(self.features.len());
+        let rows = self.distances.chunks(self.features.len().max(1)).take(n);
+        Self {
+            features: self.features[..n].to_vec(),
+            patches: self.patches[..n].to_vec(),
+            descriptors: self.descriptors[..n].to_vec(),
+            distances: rows.flat_map(|row| row[..n].iter().copied()).collect(),
+            area: self.area,
+            values: self.values,
+        }
+    }
 }
 
 impl Artefact for Features {

@@ -50,6 +50,7 @@ fn document(node: &'static dyn AnyNode) -> String {
             Arity::One => "",
             Arity::Optional => ", optional",
             Arity::Many => ", any number",
+            Arity::Surviving => ", any number; without those that failed",
         };
         let _ = writeln!(text, "  {}: {}{arity}", port.name, port.artefact);
         text.push_str(&wrap(port.doc, 6));

@@ -5,6 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use petgraph::Direction;
 use petgraph::algo::toposort;
 use petgraph::graph::NodeIndex;
+use petgraph::visit::EdgeRef;
+use salient_sdk::Arity;
 
 use crate::graph::Plan;
 
@@ -12,6 +14,8 @@ use crate::graph::Plan;
 pub(super) struct Place {
     /// Calls whose output it takes, each once.
     pub producers: BTreeSet<NodeIndex>,
+    /// Those of them that may fail: it takes their output only at ports that do without.
+    pub dispensable: BTreeSet<NodeIndex>,
     /// Calls of the cone that take its output.
     pub consumers: BTreeSet<NodeIndex>,
     /// Whether its output is wanted itself.
@@ -29,6 +33,22 @@ pub(super) struct Cone {
     order: Vec<NodeIndex>,
 }
 
+/// Producers of a call whose output it takes only at ports that do without what failed.
+fn dispensable(plan: &Plan, call: NodeIndex) -> BTreeSet<NodeIndex> {
+    let surviving =
+        |port: &str| plan.dag[call].node.ports().iter().any(|p| p.name == port && p.arity == Arity::Surviving);
+    let (mut all, mut needed) = (BTreeSet::new(), BTreeSet::new());
+    for edge in plan.dag.edges_directed(call, Direction::Incoming) {
+        if surviving(edge.weight().port) {
+            all.insert(edge.source())
+        } else {
+            needed.insert(edge.source())
+        };
+    }
+    all.retain(|producer| !needed.contains(producer));
+    all
+}
+
 impl Cone {
     pub(super) fn of(plan: &Plan, wanted: &[NodeIndex], cost: &BTreeMap<NodeIndex, f64>) -> Self {
         let mut places: BTreeMap<NodeIndex, Place> = BTreeMap::new();
@@ -40,9 +60,14 @@ impl Cone {
             }
             let producers: BTreeSet<_> = plan.dag.neighbors_directed(call, Direction::Incoming).collect();
             left.extend(&producers);
-            let wanted = wanted.contains(&call);
-            let place =
-                Place { producers, consumers: BTreeSet::new(), wanted, urgency: 0.0, cost: cost.get(&call).copied() };
+            let place = Place {
+                dispensable: dispensable(plan, call),
+                producers,
+                consumers: BTreeSet::new(),
+                wanted: wanted.contains(&call),
+                urgency: 0.0,
+                cost: cost.get(&call).copied(),
+            };
             places.insert(call, place);
         }
         // A plan is acyclic by contract; were it not, the order would miss the cycle's calls and

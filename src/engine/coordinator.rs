@@ -143,10 +143,11 @@ impl<'a> Coordinator<'a> {
     /// `None` if the next call turned out to rest on one that has failed since.
     pub(super) fn next(&mut self) -> Option<Job> {
         let (step, _, Reverse(call)) = self.ready.pop()?;
-        let producers = &self.cone.place(call).producers;
+        let place = self.cone.place(call);
+        let producers = &place.producers;
         // What is known already needs no inputs.
-        let needs_inputs = step != Step::Load;
-        if let Some(because) = producers.iter().filter(|_| needs_inputs).find_map(|p| self.blame(*p)) {
+        let needed = |p: &&NodeIndex| step != Step::Load && !place.dispensable.contains(p);
+        if let Some(because) = producers.iter().filter(needed).find_map(|p| self.blame(*p)) {
             self.skip(call, &because);
             return None;
         }
@@ -322,10 +323,7 @@ impl<'a> Coordinator<'a> {
     /// The output of a call is known: whoever waits for it may be next, and what it took can go.
     fn settled(&mut self, call: NodeIndex) {
         for consumer in self.cone.place(call).consumers.clone() {
-            let it = self.at(consumer);
-            if it.waiting.remove(&call) && it.waiting.is_empty() {
-                self.push(Step::Resolve, consumer);
-            }
+            self.no_longer_waits(consumer, call);
         }
         self.let_go(call);
     }
@@ -383,13 +381,26 @@ impl<'a> Coordinator<'a> {
         self.skip_after(call, because);
     }
 
-    /// Skips what waits for this call's output. A consumer that took the output before it was lost
+    /// Skips what waits for this call's output, unless it does without. A consumer that took the output before it was lost
     /// goes on.
     fn skip_after(&mut self, call: NodeIndex, because: &str) {
         for consumer in self.cone.place(call).consumers.clone() {
-            if self.calls[&consumer].waiting.contains(&call) {
+            if !self.calls[&consumer].waiting.contains(&call) {
+                continue;
+            }
+            if self.cone.place(consumer).dispensable.contains(&call) {
+                self.no_longer_waits(consumer, call);
+            } else {
                 self.skip(consumer, because);
             }
+        }
+    }
+
+    /// A consumer has all that it gets from a producer, and may be next.
+    fn no_longer_waits(&mut self, consumer: NodeIndex, producer: NodeIndex) {
+        let it = self.at(consumer);
+        if it.waiting.remove(&producer) && it.waiting.is_empty() {
+            self.push(Step::Resolve, consumer);
         }
     }
 

@@ -152,7 +152,7 @@ impl Forecast {
             .neighbors_directed(call, petgraph::Direction::Incoming)
             .filter_map(|from| Some((from, digest(from)?)))
             .collect();
-        let ingredients = Arc::new(own.with_inputs(plan, call, |from| digests[&from]));
+        let ingredients = Arc::new(own.with_inputs(plan, call, |from| digests.get(&from).copied()));
         match lookup(&plan.dag[call], &ingredients.key(), cache, sources) {
             Ok((record, _)) => {
                 let shared = |record: Record| Record { ingredients: ingredients.clone(), ..record };

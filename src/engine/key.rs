@@ -34,6 +34,12 @@ impl Digest {
         Self(*blake3::hash(bytes).as_bytes())
     }
 
+    /// Stands for the output of a call that failed; no output has it, as it is not the hash of one.
+    #[must_use]
+    pub fn of_nothing() -> Self {
+        Self::of(b"failed")
+    }
+
     /// The hash that a hasher has arrived at.
     #[must_use]
     pub fn finish(hasher: &blake3::Hasher) -> Self {
@@ -166,13 +172,13 @@ impl Ingredients {
         params
     }
 
-    /// Adds the inputs, given the content of each producer's output.
+    /// Adds the inputs, given the content of each producer's output; `None` for one that failed, at a port that does without it.
     #[must_use]
-    pub fn with_inputs(mut self, plan: &Plan, call: NodeIndex, digest: impl Fn(NodeIndex) -> Digest) -> Self {
+    pub fn with_inputs(mut self, plan: &Plan, call: NodeIndex, digest: impl Fn(NodeIndex) -> Option<Digest>) -> Self {
         let input = |(wire, from): (&crate::graph::Wire, NodeIndex)| InputIngredient {
             port: wire.port.to_owned(),
             label: wire.label.clone(),
-            digest: digest(from),
+            digest: digest(from).unwrap_or_else(Digest::of_nothing),
             from: plan.name(from).to_owned(),
         };
         self.inputs = wires(plan, call).into_iter().map(input).collect();

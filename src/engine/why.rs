@@ -231,7 +231,7 @@ impl Now for Ended<'_> {
         let digests: Option<HashMap<_, _>> =
             wires(self.plan, call).into_iter().map(|(_, from)| Some((from, self.digest(from)?))).collect();
         let digests = digests?;
-        Some(Arc::new(own.with_inputs(self.plan, call, |from| digests[&from])))
+        Some(Arc::new(own.with_inputs(self.plan, call, |from| digests.get(&from).copied())))
     }
     fn digest(&self, call: NodeIndex) -> Option<Digest> {
         self.states.get(&call)?.record().map(|record| record.digest)

@@ -331,6 +331,17 @@ fn reserved(report: &mut Diagnostics, item: &Item) {
     }
 }
 
+/// RON text of the names of an axis's files, each with the name of the folder that holds it.
+pub fn folders(axes: &[Axis], axis: usize) -> String {
+    let Along::Items(items) = &axes[axis].along else { return "[]".into() };
+    let pair = |item: &Item| {
+        let path = item.dir.join(string(&item.text)?);
+        let folder = path.parent()?.file_name()?.to_str()?.to_owned();
+        Some(format!("({}, {})", quoted(&item.label), quoted(&folder)))
+    };
+    format!("[{}]", items.iter().filter_map(pair).collect::<Vec<_>>().join(", "))
+}
+
 /// Makes the names of files unique by the folder's name, or refuses them.
 pub fn name_files(report: &mut Diagnostics, span: Span, items: &mut [Item]) {
     let mut count: BTreeMap<String, usize> = BTreeMap::new();

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use salient_sdk::{BoundNode, ParamError};
 
-use super::axes::{Along, Axis, Item};
+use super::axes::{Along, Axis, Item, folders};
 use super::file::tidy;
 use super::flatten::{Arg, Flat, Kind};
 use super::syntax::string;
@@ -60,6 +60,13 @@ pub fn texts(report: &Diagnostics, params: &[(String, Arg)], axes: &[Axis], item
             }
             Along::Pairs { .. } => None,
         },
+        Arg::Folders(axis, span) => Some(Text {
+            name: name.clone(),
+            ron: folders(axes, *axis).into(),
+            span: *span,
+            exact: false,
+            dir: Path::new("").into(),
+        }),
         Arg::Broken => None,
     };
     params.iter().filter_map(text).collect()

@@ -143,7 +143,7 @@ impl Walk<'_, '_> {
                     continue;
                 }
                 // Labels are part of a key, names of nodes are not.
-                let many = port.arity == Arity::Many && !from.all;
+                let many = port.arity.is_many() && !from.all;
                 let label = if many { position.to_string() } else { String::new() };
                 links.push(Link { port: at, from, label, span: value.span });
             }
@@ -154,7 +154,7 @@ impl Walk<'_, '_> {
     /// The single wires of what is written at a port: a port that takes many may have a list.
     fn wired(&mut self, arity: Arity, port: &str, value: &Value) -> Vec<Value> {
         match value.list(self.report) {
-            Some(list) if arity == Arity::Many => list,
+            Some(list) if arity.is_many() => list,
             Some(_) => {
                 self.report
                     .error(value.span, "bad-wire", format!("`{port}` takes one wire, not a list"))
@@ -317,7 +317,7 @@ impl Walk<'_, '_> {
             let port = kind.node.ports()[link.port];
             let source = self.flats[link.from.flat].address.clone();
             let repeated = linked.axis[link.from.flat].is_some();
-            let many = port.arity == Arity::Many;
+            let many = port.arity.is_many();
             if link.from.all && !many {
                 let message = format!("`{}` takes one wire, not all instances", port.name);
                 self.report

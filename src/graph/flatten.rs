@@ -59,6 +59,8 @@ pub enum Arg {
     Text(Value),
     /// The item of an axis.
     Each(usize, Span),
+    /// For each item of an axis of files its name and its folder's, at a place.
+    Folders(usize, Span),
     /// Given, but wrong, which has been reported.
     Broken,
 }
@@ -388,21 +390,25 @@ impl<'a, 'r> Walk<'a, 'r> {
     /// The value of a param: text, or the item of an axis.
     fn arg(&mut self, scope: usize, value: &Value) -> Option<Arg> {
         let (scope, value) = self.follow(scope, value)?;
-        match value.word(self.report, "each") {
-            None => {}
-            Some(Ok(name)) => {
-                let Some(axis) = self.scopes[scope].axes.get(&name.text) else {
-                    let known: Vec<&str> = self.scopes[scope].axes.keys().map(String::as_str).collect();
-                    let hint = suggest(&name.text, "axes", &known);
-                    let message = format!("the graph has no axis `{}`", name.text);
-                    self.report.error(name.span, "unknown-axis", message).hint(hint);
+        let of_axis: [(&str, fn(usize, Span) -> Arg); 2] = [("each", Arg::Each), ("folders", Arg::Folders)];
+        for (word, arg) in of_axis {
+            match value.word(self.report, word) {
+                None => {}
+                Some(Ok(name)) => {
+                    let Some(axis) = self.scopes[scope].axes.get(&name.text) else {
+                        let known: Vec<&str> = self.scopes[scope].axes.keys().map(String::as_str).collect();
+                        let hint = suggest(&name.text, "axes", &known);
+                        let message = format!("the graph has no axis `{}`", name.text);
+                        self.report.error(name.span, "unknown-axis", message).hint(hint);
+                        return None;
+                    };
+                    return Some(arg(*axis, value.span));
+                }
+                Some(Err(span)) => {
+                    let message = format!("`{word}` takes one axis: `{word}(\"axis\")`");
+                    self.report.error(span, "syntax", message);
                     return None;
-                };
-                return Some(Arg::Each(*axis, value.span));
-            }
-            Some(Err(span)) => {
-                self.report.error(span, "syntax", "`each` takes one axis: `each(\"axis\")`");
-                return None;
+                }
             }
         }
         if let Some(Call::Positional(name, _)) = value.call(self.report)

@@ -7,13 +7,11 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use salient_sdk::Mesh;
-use salient_sdk::view::{Chart, Links, Verdicts};
 
 use super::blobs::Blobs;
-use super::scene::{
-    ChartScene, FieldScene, LinkPair, LinkScene, LinkSetScene, NodeScene, PointScene, RegionScene, Scene, SideScene,
-    Surface,
-};
+use super::part::Part;
+use super::relate::{ends, inherit, links, rankings};
+use super::scene::{ChartScene, FieldScene, NodeScene, PointScene, Scene, SideScene, Surface};
 use super::surface::Displayed;
 use crate::compare::{Library, Side};
 use crate::engine::{CacheError, Digest};
@@ -22,6 +20,13 @@ use crate::engine::{CacheError, Digest};
 const MOST_NODES: usize = 1500;
 /// How many bytes of functions a scene holds; further ones are left out.
 const MOST_BYTES: usize = 192 << 20;
+/// Surfaces of a scene that are shown with all that is known of them. Where there are more they share the vertices that
+/// so many may have, and are shown without functions and patches.
+const MANY_SURFACES: usize = 24;
+/// So many vertices a surface has in any case.
+const LEAST_DETAIL: usize = 1000;
+/// Where there are many surfaces, larger outputs than this are not looked into unless they are results.
+const LARGE: u64 = 2 << 20;
 
 /// Gathers scenes.
 pub struct Gatherer {
@@ -29,20 +34,6 @@ pub struct Gatherer {
     detail: usize,
     surfaces: BTreeMap<Digest, Arc<(Displayed, Blobs)>>,
     parts: BTreeMap<(Digest, Option<Digest>), Arc<Part>>,
-}
-
-/// What one output shows.
-#[derive(Default)]
-struct Part {
-    summary: Vec<(&'static str, String)>,
-    fields: Vec<FieldScene>,
-    points: Option<PointScene>,
-    links: Option<Links>,
-    verdicts: Option<Verdicts>,
-    charts: Vec<Chart>,
-    blobs: Blobs,
-    /// Functions were left out.
-    cut: bool,
 }
 
 /// A scene in the making.
@@ -55,6 +46,9 @@ struct Making {
     used: BTreeSet<(Digest, Option<Digest>)>,
     lost: usize,
     cut: usize,
+    /// There are more surfaces than are shown in full.
+    many: bool,
+    detail: usize,
 }
 
 impl Gatherer {
@@ -66,7 +60,11 @@ impl Gatherer {
 
     /// What the sides show; `head` has all that does not come from artefacts, and gets the rest.
     pub fn gather(&mut self, sides: &[Side], library: &Library, mut head: Scene) -> Result<(Scene, Blobs), CacheError> {
-        let mut making = Making::default();
+        let meshes = count_meshes(sides);
+        let many = meshes > MANY_SURFACES;
+        let share = (self.detail * MANY_SURFACES / meshes.max(1)).max(LEAST_DETAIL);
+        let detail = if many { self.detail.min(share) } else { self.detail };
+        let mut making = Making { many, detail, ..Making::default() };
         for side in sides {
             head.sides.push(self.side(side, library, &mut making)?);
         }
@@ -75,12 +73,14 @@ impl Gatherer {
         let simplified = making.surfaces.iter().filter(|it| it.source.is_some()).count();
         if simplified > 0 {
             let of = making.surfaces.len();
-            let most = self.detail;
+            let most = detail;
             head.notes.push(format!(
                 "{simplified} of {of} surfaces are shown simplified to about {most} vertices; functions are taken at the nearest vertex"
             ));
         }
-        if making.cut > 0 {
+        if many {
+            head.notes.push(format!("functions and patches are left out, as there are {meshes} meshes"));
+        } else if making.cut > 0 {
             head.notes.push(format!("functions of {} outputs are left out: the page would be too large", making.cut));
         }
         if making.lost > 0 {
@@ -101,8 +101,7 @@ impl Gatherer {
         let calls = chosen(side);
         let index: BTreeMap<usize, usize> = calls.iter().enumerate().map(|(i, call)| (*call, i)).collect();
         let mut scene = SideScene { name: side.name.clone(), ..SideScene::default() };
-        let mut links: Vec<(usize, Links)> = Vec::new();
-        let mut verdicts: Vec<(usize, Verdicts)> = Vec::new();
+        let mut parts = Vec::new();
         for (i, call) in calls.iter().enumerate() {
             let surface = self.surface(side, *call, library, making)?;
             let part = self.part(side, *call, surface, library, making)?;
@@ -112,20 +111,13 @@ impl Gatherer {
             scene.fields.extend(part.fields.iter().map(|it| FieldScene { node: i, surface: at, ..it.clone() }));
             scene.points.extend(part.points.iter().map(|it| PointScene { node: i, surface: at, ..it.clone() }));
             scene.charts.extend(part.charts.iter().map(|chart| ChartScene { node: i, chart: chart.clone() }));
-            links.extend(part.links.iter().map(|it| (i, it.clone())));
-            verdicts.extend(part.verdicts.iter().map(|it| (i, it.clone())));
+            parts.push((i, part));
         }
         inherit(side, &calls, &mut scene);
-        for (i, it) in links {
-            let wired = it.ports.map(|port| input(side, calls[i], port));
-            let [Some(left), Some(right)] = wired else { continue };
-            let mut end = |from| Ok::<_, CacheError>(self.surface(side, from, library, making)?.map(|(at, _)| at));
-            let (Some(one), Some(other)) = (end(left)?, end(right)?) else { continue };
-            let ends = [one, other];
-            let points = [left, right].map(|from| index.get(&from).copied());
-            let judge = verdicts.iter().find(|(node, it)| input(side, calls[*node], it.port) == Some(calls[i]));
-            scene.links.push(linked(i, &it, ends, points, judge.or_else(|| about(&verdicts, &it)), &making.places));
-        }
+        let mut place = |call: usize| Ok(self.surface(side, call, library, making)?.map(|(at, _)| at));
+        let ends = ends(side, &calls, &parts, &mut place)?;
+        scene.rankings = rankings(side, &calls, &parts, &mut place)?;
+        scene.links = links(&calls, &parts, side, &ends, &making.places);
         let shown = side.shown.iter().filter_map(|(address, call)| Some(((*address).to_owned(), *index.get(call)?)));
         scene.shown = shown.collect();
         Ok(scene)
@@ -153,7 +145,7 @@ impl Gatherer {
                     return Ok(None);
                 };
                 let mut blobs = Blobs::default();
-                let displayed = Displayed::new(&mesh, self.detail, &mut blobs);
+                let displayed = Displayed::new(&mesh, making.detail, &mut blobs);
                 let displayed = Arc::new((displayed, blobs));
                 self.surfaces.insert(digest, displayed.clone());
                 displayed
@@ -177,6 +169,10 @@ impl Gatherer {
         making: &mut Making,
     ) -> Result<Option<Arc<Part>>, CacheError> {
         let Some(digest) = side.call(call).digest else { return Ok(None) };
+        let is_large = side.call(call).bytes.is_some_and(|bytes| bytes > LARGE);
+        if making.many && is_large && !side.shown.iter().any(|(_, shown)| *shown == call) {
+            return Ok(None);
+        }
         let key = (digest, surface.map(|(_, digest)| digest));
         let known = self.parts.get(&key).cloned();
         let part = match known {
@@ -187,8 +183,8 @@ impl Gatherer {
                     return Ok(None);
                 };
                 let on = surface.map(|(at, _)| &making.places[at].0);
-                let room = MOST_BYTES.saturating_sub(making.blobs.bytes());
-                Arc::new(part(artefact.as_ref(), on, room))
+                let room = if making.many { 0 } else { MOST_BYTES.saturating_sub(making.blobs.bytes()) };
+                Arc::new(Part::new(artefact.as_ref(), on, room))
             }
         };
         making.used.insert(key);
@@ -196,6 +192,15 @@ impl Gatherer {
         self.parts.insert(key, part.clone());
         Ok(Some(part))
     }
+}
+
+/// How many different meshes there are.
+fn count_meshes(sides: &[Side]) -> usize {
+    let digests = |side: &Side| -> Vec<Digest> {
+        let meshes = side.calls.iter().filter(|(call, _)| side.surface(*call) == Some(*call));
+        meshes.filter_map(|(call, _)| side.call(*call).digest).collect()
+    };
+    sides.iter().flat_map(digests).collect::<BTreeSet<_>>().len()
 }
 
 /// The calls of a side that are shown, producers before consumers.
@@ -212,11 +217,6 @@ fn chosen(side: &Side) -> Vec<usize> {
     }
     // Calls are numbered producers first.
     seen.into_iter().collect()
-}
-
-/// The call that is wired to a port; the first of several.
-fn input(side: &Side, call: usize, port: &str) -> Option<usize> {
-    side.call(call).inputs.iter().find(|(name, ..)| name == port).map(|(_, _, from)| *from)
 }
 
 fn node(
@@ -245,110 +245,5 @@ fn node(
         why: side.body.why(call).iter().map(ToString::to_string).collect(),
         summary: part.map(|part| part.summary.clone()).unwrap_or_default(),
         surface,
-    }
-}
-
-/// What an output shows, functions only as far as there is room.
-fn part(artefact: &dyn salient_sdk::AnyArtefact, on: Option<&Displayed>, room: usize) -> Part {
-    let view = artefact.view();
-    let mut part = Part { summary: artefact.summary(), charts: view.charts, ..Part::default() };
-    (part.links, part.verdicts) = (view.links, view.verdicts);
-    let Some(on) = on else { return part };
-    for fields in &view.fields {
-        if part.blobs.bytes() + 2 * fields.levels.len() * on.surface.vertices > room {
-            part.cut = true;
-            continue;
-        }
-        part.fields.extend(on.fields(fields, &mut part.blobs));
-    }
-    part.points = view.points.map(|points| {
-        let places = points.points.iter().map(|p| on.place(p.vertex).unwrap_or_default());
-        let sizes = points.regions.iter().map(|r| [r.vertices.len(), r.faces.len()]).collect();
-        let regions = (!points.regions.is_empty()).then(|| RegionScene {
-            kinds: points.regions.iter().map(|r| r.kind).collect(),
-            sizes,
-            positions: part.blobs.floats(points.regions.iter().flat_map(|r| r.vertices.as_flattened())),
-            triangles: part.blobs.integers(points.regions.iter().flat_map(|r| r.faces.as_flattened())),
-        });
-        PointScene {
-            node: 0,
-            surface: 0,
-            at: places.collect(),
-            profiles: points.profiles.iter().map(|p| p.ok().map(<[f64]>::to_vec)).collect(),
-            lacking: points.profiles.iter().map(|p| p.err().map(str::to_owned)).collect(),
-            regions,
-            points: points.points,
-        }
-    });
-    part
-}
-
-/// Gives every set of points the regions and descriptors of equal points upward of it.
-fn inherit(side: &Side, calls: &[usize], scene: &mut SideScene) {
-    let by_call: BTreeMap<usize, usize> = scene.points.iter().enumerate().map(|(i, it)| (calls[it.node], i)).collect();
-    for i in 0..scene.points.len() {
-        let (mut left, mut seen) = (VecDeque::from([calls[scene.points[i].node]]), BTreeSet::new());
-        while let Some(call) = left.pop_front() {
-            if !seen.insert(call) {
-                continue;
-            }
-            left.extend(side.call(call).inputs.iter().map(|(_, _, from)| *from));
-            let Some(from) = by_call.get(&call).map(|at| scene.points[*at].clone()) else { continue };
-            let own = &mut scene.points[i];
-            if from.points != own.points {
-                continue;
-            }
-            if own.regions.is_none() {
-                own.regions = from.regions;
-            }
-            if own.profiles.is_empty() {
-                (own.profiles, own.lacking) = (from.profiles, from.lacking);
-            }
-        }
-    }
-}
-
-/// Verdicts on the pairs of these links, though of another node's output: a match that was exchanged with its twin.
-fn about<'a>(verdicts: &'a [(usize, Verdicts)], links: &Links) -> Option<&'a (usize, Verdicts)> {
-    let known = |of: &Verdicts| {
-        let judged: BTreeSet<[u32; 2]> = of.pairs.iter().map(|it| it.vertices).collect();
-        links.sets.iter().any(|set| !set.pairs.is_empty() && set.pairs.iter().all(|p| judged.contains(&p.vertices)))
-    };
-    verdicts.iter().find(|(_, it)| known(it))
-}
-
-fn linked(
-    node: usize,
-    links: &Links,
-    surfaces: [usize; 2],
-    points: [Option<usize>; 2],
-    judge: Option<&(usize, Verdicts)>,
-    places: &[Arc<(Displayed, Blobs)>],
-) -> LinkScene {
-    let judged = judge.iter().flat_map(|(_, it)| &it.pairs);
-    let errors: BTreeMap<[u32; 2], [Option<f64>; 2]> =
-        judged.map(|it| (it.vertices, [it.error, it.symmetric])).collect();
-    let pair = |it: &salient_sdk::view::Link| {
-        let at = |side: usize| places[surfaces[side]].0.place(it.vertices[side]).unwrap_or_default();
-        LinkPair {
-            points: it.points,
-            vertices: it.vertices,
-            at: [at(0), at(1)],
-            distance: it.distance,
-            error: errors.get(&it.vertices).copied(),
-        }
-    };
-    let set = |it: &salient_sdk::view::LinkSet| LinkSetScene {
-        name: it.name.clone(),
-        objective: it.objective,
-        pairs: it.pairs.iter().map(pair).collect(),
-    };
-    LinkScene {
-        node,
-        surfaces,
-        points,
-        sets: links.sets.iter().map(set).collect(),
-        certificate: links.certificate,
-        judge: judge.map(|(node, _)| *node),
     }
 }

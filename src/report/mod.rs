@@ -5,6 +5,8 @@
 //! | [`scene`] | what a page shows: one JSON document that names arrays |
 //! | [`blobs`] | the arrays, by content |
 //! | [`gather`] | recorded runs and the cache -> scene |
+//! | `part` | what one output shows |
+//! | `relate` | what lies between outputs: matches, rankings |
 //! | `surface` | large meshes simplified, values in 16 bits |
 //! | [`serve`] | the live page of a watch |
 //! | [`page`] | markup, style, library (three.js) and script around a scene |
@@ -15,6 +17,8 @@
 pub mod blobs;
 pub mod gather;
 pub mod page;
+mod part;
+mod relate;
 pub mod scene;
 pub mod serve;
 mod surface;

@@ -53,6 +53,8 @@ pub struct SideScene {
     pub points: Vec<PointScene>,
     /// Correspondences.
     pub links: Vec<LinkScene>,
+    /// Shapes in the order of their likeness to others.
+    pub rankings: Vec<RankingScene>,
     /// Charts, each with the node that gave it.
     pub charts: Vec<ChartScene>,
 }
@@ -219,6 +221,39 @@ pub struct LinkPair {
     pub distance: f64,
     /// How far it is from the truth over sqrt(area), plain and up to symmetry; none if nobody knows. An infinite distance is null.
     pub error: Option<[Option<f64>; 2]>,
+}
+
+/// Shapes in the order of their likeness to others.
+#[derive(Clone, Debug, Serialize)]
+pub struct RankingScene {
+    /// The node that gave it.
+    pub node: usize,
+    /// What the order is by.
+    pub measure: String,
+    /// One list for each query.
+    pub lists: Vec<ListScene>,
+}
+
+/// A query and the shapes that are most like it, best first.
+#[derive(Clone, Debug, Serialize)]
+pub struct ListScene {
+    /// The query.
+    pub query: Ranked,
+    /// What was found.
+    pub found: Vec<Ranked>,
+}
+
+/// A shape in a ranking.
+#[derive(Clone, Debug, Serialize)]
+pub struct Ranked {
+    /// Its name.
+    pub name: String,
+    /// Its score; none for the query.
+    pub score: Option<f64>,
+    /// Its class, if anybody says.
+    pub class: Option<String>,
+    /// Its surface, if it is there.
+    pub surface: Option<usize>,
 }
 
 /// A chart and who gave it.

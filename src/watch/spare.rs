@@ -63,7 +63,8 @@ impl<'a> Meanings<'a> {
             let inputs: Option<BTreeMap<_, _>> =
                 producers.iter().map(|from| self.known[from].map(|digest| (*from, digest))).collect();
             let own = Ingredients::own(plan, at, sources).ok();
-            let meaning = own.zip(inputs).map(|(own, inputs)| own.with_inputs(plan, at, |from| inputs[&from]).key());
+            let meaning =
+                own.zip(inputs).map(|(own, inputs)| own.with_inputs(plan, at, |from| inputs.get(&from).copied()).key());
             self.known.insert(at, meaning);
         }
         self.known.get(&call).copied().flatten()

@@ -59,13 +59,20 @@ impl ItemHasher {
         self.words(values.len(), values.iter().map(|x| x.to_le_bytes()));
     }
 
+    /// Adds the hash of a part.
+    pub fn part(&mut self, key: &ItemKey) {
+        self.0.update(key);
+    }
+
     fn words<const N: usize>(&mut self, count: usize, words: impl Iterator<Item = [u8; N]>) {
         self.0.update(&(count as u64).to_le_bytes());
         let bytes: Vec<u8> = words.flatten().collect();
         self.0.update(&bytes);
     }
 
-    fn finish(&self) -> ItemKey {
+    /// The hash of all that was added: of a part that many items share, so that it is hashed once.
+    #[must_use]
+    pub fn finish(&self) -> ItemKey {
         *self.0.finalize().as_bytes()
     }
 }

@@ -15,6 +15,16 @@ pub enum Arity {
     Optional,
     /// Any number, each with a label: the name of its instance on an axis, or its position in a list of wires.
     Many,
+    /// As `Many`, but a producer that fails does not stop the node: it runs without it, and [`PortValues::missing`] has its label.
+    Surviving,
+}
+
+impl Arity {
+    /// Whether a port takes any number of wires.
+    #[must_use]
+    pub fn is_many(self) -> bool {
+        matches!(self, Self::Many | Self::Surviving)
+    }
 }
 
 /// A named, typed input.
@@ -47,6 +57,13 @@ impl Port {
     #[must_use]
     pub const fn many<T: Artefact>(name: &'static str, doc: &'static str) -> Self {
         Self { name, artefact: T::TYPE, arity: Arity::Many, doc }
+    }
+
+    /// A port for all instances of a node along an axis but those that failed, for nodes that sum up a whole database and are
+    /// worth their result without some of it. The node must say in its output what is [missing](PortValues::missing).
+    #[must_use]
+    pub const fn surviving<T: Artefact>(name: &'static str, doc: &'static str) -> Self {
+        Self { name, artefact: T::TYPE, arity: Arity::Surviving, doc }
     }
 }
 
@@ -83,14 +100,27 @@ impl Inputs for () {
 
 /// What is wired to each port: labelled artefacts.
 #[derive(Default)]
-pub struct PortValues(BTreeMap<String, Vec<Labelled>>);
+pub struct PortValues {
+    values: BTreeMap<String, Vec<Labelled>>,
+    missing: BTreeMap<String, Vec<String>>,
+}
 
 type Labelled = (String, Arc<dyn AnyArtefact>);
 
 impl PortValues {
     /// Wires one more artefact to a port; `label` is as in [`Arity::Many`], else empty.
     pub fn push(&mut self, port: &str, label: &str, value: Arc<dyn AnyArtefact>) {
-        self.0.entry(port.to_owned()).or_default().push((label.to_owned(), value));
+        self.values.entry(port.to_owned()).or_default().push((label.to_owned(), value));
+    }
+
+    /// Says that the producer wired to a [surviving](Arity::Surviving) port under this label failed.
+    pub fn push_missing(&mut self, port: &str, label: &str) {
+        self.missing.entry(port.to_owned()).or_default().push(label.to_owned());
+    }
+
+    /// Labels of what failed on the way to a [surviving](Arity::Surviving) port, in the order of the axis.
+    pub fn missing(&mut self, port: &str) -> Vec<String> {
+        self.missing.remove(port).unwrap_or_default()
     }
 
     /// The one artefact at a port.
@@ -105,7 +135,7 @@ impl PortValues {
 
     /// All artefacts at a port with their labels, in the order of the axis.
     pub fn many<T: Artefact>(&mut self, port: &str) -> Result<Vec<(String, Arc<T>)>, NodeError> {
-        let values = self.0.remove(port).unwrap_or_default();
+        let values = self.values.remove(port).unwrap_or_default();
         values
             .into_iter()
             .map(|(label, value)| {

@@ -2,7 +2,7 @@
 
 let scene = null;
 const state = { view: null, side: "all", field: "", k: 1, morph: false, count: 20, features: true, set: 0, pairColour: null, limit: 0.1,
-  lines: true, linked: true, up: null, picked: null, node: null, graphSide: 0, alone: null };
+  lines: true, linked: true, up: null, query: 0, picked: null, node: null, graphSide: 0, alone: null };
 
 const sidesShown = () => scene.sides.map((_, i) => i).filter((i) => state.side === "all" || state.side === i);
 const setOf = (link) => link.sets[Math.min(state.set, link.sets.length - 1)];
@@ -17,6 +17,14 @@ function views() {
       return link ? [{ side, link }] : [];
     });
     if (groups.length) list.push({ id: `pairs ${address}`, title: `pairs: ${address}`, kind: "pairs", groups });
+  }
+  for (const side of sidesShown()) {
+    for (const ranking of scene.sides[side].rankings) {
+      if (!ranking.lists.length) continue;
+      const of = scene.sides.length > 1 ? `${scene.sides[side].name}: ` : "";
+      list.push({ id: `ranking ${side} ${scene.sides[side].nodes[ranking.node].address}`, kind: "ranking", side, ranking,
+        title: `${of}ranking: ${scene.sides[side].nodes[ranking.node].address}` });
+    }
   }
   const surfaces = sidesShown().flatMap((side) => surfacesOf(side).map((surface) => ({ side, surface })));
   if (surfaces.length) list.push({ id: "shapes", title: "shapes", kind: "shapes", surfaces });
@@ -42,12 +50,26 @@ function currentView() {
 // The last correspondence whose truth is known, or else the last.
 function firstView(all) {
   const pairs = all.filter((it) => it.kind === "pairs");
-  return pairs.filter((it) => it.groups.some(({ link }) => link.judge !== null)).at(-1) ?? pairs.at(-1) ?? all[0] ?? null;
+  return pairs.filter((it) => it.groups.some(({ link }) => link.judge !== null)).at(-1)
+    ?? all.find((it) => it.kind === "ranking") ?? pairs.at(-1) ?? all[0] ?? null;
+}
+
+// A query and the first five that were found (fig. 9, 11).
+function rankedPanels({ side, ranking }) {
+  const { query, found } = ranking.lists[Math.min(state.query, ranking.lists.length - 1)];
+  return [query, ...found.slice(0, 5)].flatMap((it, rank) => {
+    if (it.surface === null) return [];
+    const right = rank && it.class && query.class ? (it.class === query.class ? "right" : "wrong") : null;
+    const detail = [it.class, rank ? number(it.score) : null, right && (right === "right" ? "✓ same class" : "✗ other class")].filter(Boolean).join(" · ");
+    return [{ id: `${side} ranking ${rank} ${it.name}`, side, surface: it.surface, group: `rank ${rank}`, title: rank ? `${rank}. ${it.name}` : `query ${it.name}`,
+      detail, verdict: right, points: pointsIndex(side, it.surface) }];
+  });
 }
 
 const MOST_PANELS = 24;
 function panelsOf(view) {
   if (!view) return [];
+  if (view.kind === "ranking") return rankedPanels(view);
   const many = scene.sides.length > 1;
   const title = (side, surface) => (many ? `${scene.sides[side].name}: ${scene.surfaces[surface].name}` : scene.surfaces[surface].name);
   const panel = (side, surface, group, end, wanted) => ({ id: `${side} ${group} ${end ?? ""} ${scene.surfaces[surface].name}`, side, surface, group, end,
@@ -55,6 +77,7 @@ function panelsOf(view) {
   const list = view.kind === "pairs"
     ? view.groups.flatMap(({ side, link }) => [0, 1].map((end) => panel(side, link.surfaces[end], side, end, link.points[end])))
     : view.surfaces.map(({ side, surface }) => panel(side, surface, many && view.surfaces.length <= 4 * sidesShown().length ? `s${side}` : `${side}.${surface}`));
+  view.left = Math.max(0, list.length - MOST_PANELS);
   return list.slice(0, MOST_PANELS);
 }
 
@@ -147,7 +170,7 @@ function colourPanels() {
   const shown = panels.map((panel) => {
     if (state.field === "distance") {
       if (!state.picked || state.picked.surface !== panel.surface || state.picked.side !== panel.side) return null;
-      const far = shapes[panel.surface].distances(state.picked.vertex), finite = far.filter(Number.isFinite);
+      const far = shapeOf(panel.surface).distances(state.picked.vertex), finite = far.filter(Number.isFinite);
       add(0, finite.reduce((a, b) => Math.max(a, b), 0), { signed: false, name: "distance along edges", unit: "length" });
       return { values: far };
     }
@@ -175,7 +198,8 @@ function caption(panel, shown) {
   const info = scene.surfaces[panel.surface], level = shown?.field?.levels[shown.row];
   const size = info.source ? `${thousands(info.vertices)} of ${thousands(info.mesh[0])} vertices shown` : `${thousands(info.vertices)} vertices`;
   const function_ = level && level.lambda !== null ? `k = ${level.k}, λ = ${number(level.lambda)}` : null;
-  panel.caption.replaceChildren(element("b", {}, panel.title), element("span", {}, function_ ?? size));
+  panel.caption.replaceChildren(element("b", {}, panel.title), element("span", { class: panel.verdict ?? "" }, function_ ?? panel.detail ?? size));
+  panel.cell.classList.toggle("wrong", panel.verdict === "wrong");
 }
 
 function setK(k) {
@@ -205,7 +229,7 @@ function marksOf(panel, view) {
 
 function pairRgb(pair, link, mode) {
   if (mode === "truth") return hex(VERDICTS[verdict(pair, state.limit)]);
-  const shape = shapes[link.surfaces[0]];
+  const shape = shapeOf(link.surfaces[0]);
   return placeColour(shape.place(pair.at[0]), shape.low, shape.high);
 }
 
@@ -251,7 +275,7 @@ function choose(found) {
 
 // What the pointer is over, in a line.
 function describe({ panel, mark, vertex }) {
-  const shape = shapes[panel.surface], field = state.field && state.field !== "distance" && fieldOf(panel);
+  const shape = shapeOf(panel.surface), field = state.field && state.field !== "distance" && fieldOf(panel);
   const value = field ? `, ${number(valueAt(field, rowOf(field, state.k), vertex))}` : state.field === "distance" && panel.skin ? `, ${number(panel.skin.values[vertex])}` : "";
   if (!mark) return value && `vertex ${shape.original(vertex)}${value}`;
   const point = scene.sides[panel.side].points[panel.points].points[mark.index];
@@ -259,7 +283,7 @@ function describe({ panel, mark, vertex }) {
 }
 
 function setState(change) {
-  const shapesChange = ["view", "side", "node", "alone"].some((key) => key in change);
+  const shapesChange = ["view", "side", "node", "alone", "query"].some((key) => key in change);
   Object.assign(state, change);
   if (shapesChange) return rebuild();
   if ("field" in change) {
@@ -280,6 +304,7 @@ function selectNodes(side, nodes) {
   const it = scene.sides[side], node = nodes[0], at = (list) => list.find((layer) => layer.node === node);
   const address = it.nodes[node].address;
   if (at(it.links)) return setState({ view: `pairs ${address}` });
+  if (at(it.rankings)) return setState({ view: `ranking ${side} ${address}` });
   const field = at(it.fields), points = at(it.points);
   if (field) return setState({ field: field.name, ...(shownHere(side, field.surface) ? { node: state.node } : { view: "shapes" }) });
   if (points) return setState({ features: true, ...(shownHere(side, points.surface) ? { node: state.node } : { view: "shapes" }) });
@@ -301,7 +326,7 @@ const KEYS = {
   ArrowLeft: () => turn(-0.12, 0), ArrowRight: () => turn(0.12, 0), ArrowUp: () => turn(0, -0.12), ArrowDown: () => turn(0, 0.12),
   "+": () => zoom(1.15), "=": () => zoom(1.15), "-": () => zoom(1 / 1.15),
   "[": () => stepK(-1), "]": () => stepK(1),
-  n: () => stepFeature(1), p: () => stepFeature(-1),
+  n: () => stepThrough(1), p: () => stepThrough(-1),
   m: () => { const view = currentView(); if (view?.kind === "pairs") setState({ set: (state.set + 1) % view.groups[0].link.sets.length }); },
   v: () => setState({ view: step(views().map((it) => it.id), state.view, 1), picked: null }),
   l: () => setState({ lines: !state.lines }), c: () => link(!state.linked),
@@ -317,6 +342,13 @@ function stepK(by) {
   if (levels.length < 2) return;
   setK(Math.max(levels[0], Math.min(levels[1], state.k + by)));
   showControls();
+}
+// The next feature, or in a ranking the next query.
+function stepThrough(by) {
+  const view = currentView();
+  if (view?.kind !== "ranking") return stepFeature(by);
+  const n = view.ranking.lists.length;
+  setState({ query: (state.query + by + n) % n });
 }
 function stepFeature(by) {
   const panel = panels.find((it) => state.picked && it.side === state.picked.side && it.surface === state.picked.surface && it.end === state.picked.end && it.marks?.length)
@@ -354,12 +386,8 @@ function show(next) {
       field.data = () => (data ??= shorts(field.values));
     }
   }
-  const known = new Map(shapes.map((shape) => [shape.info.positions + shape.info.triangles, shape]));
-  shapes = scene.surfaces.map((info) => {
-    const shape = known.get(info.positions + info.triangles);
-    if (shape) shape.info = info;
-    return shape ?? new Shape(info);
-  });
+  const kept = new Set(scene.surfaces.map((info) => info.positions + info.triangles));
+  for (const key of [...shapes.keys()]) if (!kept.has(key)) shapes.delete(key);
   if (state.side !== "all" && !scene.sides[state.side]) state.side = "all";
   if (state.node && !state.node.nodes.every((i) => scene.sides[state.node.side]?.nodes[i])) state.node = null;
   keepPicked();

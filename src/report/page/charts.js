@@ -100,16 +100,16 @@ function listChart(title, rows, series) {
 }
 
 function matrixChart(chart) {
-  const columns = chart.marks.names, most = Math.max(...chart.series.flatMap((row) => row.y), 1e-9);
+  const columns = chart.marks.names, wide = columns.length > 12, most = Math.max(...chart.series.flatMap((row) => row.y), 1e-9);
   const cell = (row, i) => {
     const v = row.y[i], colour = sample(UNIFORM, 1 - v / most);
     const dark = colour[0] * 0.3 + colour[1] * 0.59 + colour[2] * 0.11 < 130;
-    return element("td", { style: `background:${css(colour)};color:${dark ? "#fff" : "#111"}`, title: `${row.name} → ${columns[i]}: ${number(v)}` }, number(v));
+    return element("td", { style: `background:${css(colour)};color:${dark ? "#fff" : "#111"}`, title: `${row.name} → ${columns[i]}: ${number(v)}` }, v ? number(v) : "");
   };
-  const table = element("table", { class: "matrix" },
-    element("tr", {}, element("th", {}, chart.y ? `${chart.y} \\ ${chart.x}` : ""), columns.map((name) => element("th", { scope: "col" }, name))),
+  const table = element("table", { class: wide ? "matrix dense" : "matrix" },
+    element("tr", {}, element("th", {}), columns.map((name) => element("th", { scope: "col", title: name }, element("span", {}, name)))),
     chart.series.map((row) => element("tr", {}, element("th", { scope: "row" }, row.name), columns.map((_, i) => cell(row, i)))));
-  return figure(chart.title, element("div", { class: "scroll" }, table));
+  return figure(chart.title, element("div", { class: "scroll" }, table), [], `rows: ${chart.y}; columns: ${chart.x}`);
 }
 
 function chartOf(chart) {

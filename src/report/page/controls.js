@@ -23,8 +23,12 @@ function showControls() {
     parts.push(choice("Sides", "side", [["all", "all"], ...scene.sides.map((side, i) => [i, side.name])], state.side,
       (value) => setState({ side: value === "all" ? "all" : Number(value), picked: null })));
   }
+  if (view.kind === "ranking") {
+    parts.push(choice("Query", "query", view.ranking.lists.map((it, i) => [i, it.query.class ? `${it.query.name} (${it.query.class})` : it.query.name]), state.query,
+      (query) => setState({ query: Number(query) })));
+  }
   const families = familiesOf(view);
-  parts.push(choice("Colour by", "field", [["", "nothing"], ...families.map((name) => [name, name]),
+  if (families.length || state.picked) parts.push(choice("Colour by", "field", [["", "nothing"], ...families.map((name) => [name, name]),
     ...(state.picked ? [["distance", "distance from what is picked"]] : [])], state.field, (field) => setState({ field })));
   const levels = levelsOf(view, state.field);
   if (levels.length > 1) parts.push(slider("k", "k", levels[0], levels.at(-1), state.k, setK));
@@ -52,7 +56,7 @@ function showControls() {
   if (focused) box.querySelector(`[name="${focused}"]`)?.focus();
 }
 
-const upNow = () => state.up ?? (panels.length ? posture(shapes[panels[0].surface].low, shapes[panels[0].surface].high).up : "Y");
+const upNow = () => state.up ?? (panels.length ? posture(shapeOf(panels[0].surface).low, shapeOf(panels[0].surface).high).up : "Y");
 
 function bar(map, low, centre, high, title) {
   return element("div", { class: "bar" }, element("span", {}, title), element("i", { style: `background:${gradient(map)}` }),

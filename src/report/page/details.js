@@ -82,7 +82,7 @@ function showPicked() {
   const box = byId("picked"), picked = state.picked;
   if (!picked) return box.replaceChildren();
   if (picked.index === undefined) {
-    const shape = shapes[picked.surface], p = shape.place(picked.vertex);
+    const shape = shapeOf(picked.surface), p = shape.place(picked.vertex);
     const fields = scene.sides[picked.side].fields.filter((it) => it.surface === picked.surface);
     const named = fields.map((field) => {
       const row = rowOf(field, state.k);

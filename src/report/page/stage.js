@@ -5,7 +5,14 @@ let renderer = null, noDrawing = null;
 const eye = new THREE.PerspectiveCamera();
 const sharedCamera = new Camera();
 let panels = []; // { side, surface, title, group, skin, camera, cell, caption, rect }
-let shapes = []; // by surface of the scene
+const shapes = new Map(); // by their arrays; made when they are first drawn
+function shapeOf(surface) {
+  const info = scene.surfaces[surface], key = info.positions + info.triangles;
+  if (!shapes.has(key)) shapes.set(key, new Shape(info));
+  const shape = shapes.get(key);
+  shape.info = info;
+  return shape;
+}
 let due = false;
 
 function startDrawing() {
@@ -27,7 +34,7 @@ function setPanels(wanted) {
     const caption = element("div", { class: "caption" });
     const cell = element("div", { class: "panel", "data-id": it.id }, caption);
     panelBox.append(cell);
-    const skin = renderer && new Skin(shapes[it.surface]);
+    const skin = renderer && new Skin(shapeOf(it.surface));
     return { ...it, cell, caption, skin, camera: cameras.get(it.id) ?? new Camera() };
   });
   const first = panels.find((panel) => !cameras.has(panel.id));
@@ -37,7 +44,7 @@ function setPanels(wanted) {
 }
 
 function frame(camera, panel) {
-  const { up, flat } = posture(shapes[panel.surface].low, shapes[panel.surface].high);
+  const { up, flat } = posture(shapeOf(panel.surface).low, shapeOf(panel.surface).high);
   camera.reset(state.up ?? up, flat);
 }
 function resetCameras() {
@@ -83,7 +90,7 @@ const cameraOf = (panel) => (state.linked ? sharedCamera : panel.camera);
 function draw() {
   const width = stage.clientWidth, height = stage.clientHeight;
   for (const panel of panels) {
-    const shape = shapes[panel.surface];
+    const shape = shapeOf(panel.surface);
     panel.look = cameraOf(panel).matrix(shape.centre, shape.radius, panel.rect.w / panel.rect.h);
   }
   if (renderer && width > 0 && height > 0) {
@@ -106,8 +113,8 @@ function draw() {
 
 // Where a displayed vertex is on the stage, how near, and whether it faces the viewer.
 function seen(panel, vertex) {
-  const p = panel.skin ? panel.skin.positions : shapes[panel.surface].positions;
-  const n = panel.skin ? panel.skin.surface.geometry.attributes.normal.array : shapes[panel.surface].normals;
+  const p = panel.skin ? panel.skin.positions : shapeOf(panel.surface).positions;
+  const n = panel.skin ? panel.skin.surface.geometry.attributes.normal.array : shapeOf(panel.surface).normals;
   const e = panel.look.view.elements, q = panel.look.project.elements, i = 3 * vertex;
   const across = (row, a, w) => e[row] * a[i] + e[row + 4] * a[i + 1] + e[row + 8] * a[i + 2] + w * e[row + 12];
   const ax = across(0, p, 1), ay = across(1, p, 1), az = across(2, p, 1);
@@ -155,7 +162,7 @@ function vertexAt(panel, x, y, candidates, reach) {
 }
 
 function everyVertex(panel) {
-  const n = shapes[panel.surface].info.vertices;
+  const n = shapeOf(panel.surface).info.vertices;
   return (function* () { for (let i = 0; i < n; i++) yield [i, i]; })();
 }
 

@@ -24,7 +24,7 @@ struct Output {
 /// Meshes the zero level of `level` within the box `low`..`high`, outside which it must be positive, as it must be
 /// in balls (centre, radius) that are `clear`. The grid has the given
 /// cell, and is turned by a unit quaternion and moved by a fraction of a cell.
-pub(super) fn march(
+pub(crate) fn march(
     level: impl Fn([f64; 3]) -> f64,
     clear: impl Fn([f64; 3], f64) -> bool,
     (low, high): ([f64; 3], [f64; 3]),

@@ -11,7 +11,9 @@ mod skeleton;
 mod skin;
 mod surface;
 
+pub(crate) use grid::march;
 pub use skeleton::Species;
+pub(crate) use skin::rotate;
 pub use surface::RestSurface;
 
 use crate::adjacency::MeshError;

@@ -16,7 +16,7 @@ fn multiply(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
 }
 
 /// Rotates `p` by a unit quaternion.
-pub(super) fn rotate(q: [f64; 4], p: [f64; 3]) -> [f64; 3] {
+pub(crate) fn rotate(q: [f64; 4], p: [f64; 3]) -> [f64; 3] {
     let v = [q[1], q[2], q[3]];
     let t = scale(cross(v, p), 2.0);
     add(add(p, scale(t, q[0])), cross(v, t))
