@@ -6,6 +6,7 @@
 
 mod compare;
 mod live;
+mod ranking;
 mod report;
 mod window;
 

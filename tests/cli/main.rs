@@ -9,6 +9,7 @@ mod executed;
 mod kills;
 mod real;
 mod registry;
+mod report;
 mod values;
 mod watch;
 mod watch_files;

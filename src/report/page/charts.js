@@ -10,8 +10,9 @@ function ticks(low, high, wanted = 5) {
 
 function legendOf(series) {
   if (series.length < 2 && !series[0]?.name) return null;
-  return element("ul", { class: "series" }, series.map((it, i) =>
-    element("li", {}, element("i", { style: `background:${it.colour ?? SERIES[i % SERIES.length]}` }), it.name)));
+  const more = series.length > 12 ? element("li", {}, `and ${series.length - 12} more`) : null;
+  return element("ul", { class: "series" }, series.slice(0, 12).map((it, i) =>
+    element("li", {}, element("i", { style: `background:${it.colour ?? SERIES[i % SERIES.length]}` }), it.name)), more);
 }
 
 function figure(title, body, series = [], note = null) {
@@ -102,9 +103,9 @@ function listChart(title, rows, series) {
 function matrixChart(chart) {
   const columns = chart.marks.names, wide = columns.length > 12, most = Math.max(...chart.series.flatMap((row) => row.y), 1e-9);
   const cell = (row, i) => {
-    const v = row.y[i], colour = sample(UNIFORM, 1 - v / most);
-    const dark = colour[0] * 0.3 + colour[1] * 0.59 + colour[2] * 0.11 < 130;
-    return element("td", { style: `background:${css(colour)};color:${dark ? "#fff" : "#111"}`, title: `${row.name} → ${columns[i]}: ${number(v)}` }, v ? number(v) : "");
+    const v = row.y[i], share = Math.round(100 * v / most);
+    return element("td", { style: `background:color-mix(in srgb, var(--accent) ${share}%, transparent);color:${share > 50 ? "var(--card)" : "inherit"}`,
+      title: `${row.name} → ${columns[i]}: ${number(v)}` }, v ? number(v) : "·");
   };
   const table = element("table", { class: wide ? "matrix dense" : "matrix" },
     element("tr", {}, element("th", {}), columns.map((name) => element("th", { scope: "col", title: name }, element("span", {}, name)))),

@@ -6,7 +6,8 @@ const template = (address) => address.replace(/\[[^\]]*\]/g, "");
 
 // Boxes of a side: { key, nodes, layer, inputs }
 function boxesOf(side) {
-  const collapse = side.nodes.length > MANY, boxes = new Map();
+  const templates = new Set(side.nodes.map((node) => template(node.address))).size;
+  const collapse = side.nodes.length > MANY || 3 * templates < side.nodes.length, boxes = new Map();
   const keyOf = (i) => (collapse ? template(side.nodes[i].address) : String(i));
   side.nodes.forEach((node, i) => {
     const key = keyOf(i), box = boxes.get(key) ?? { key, nodes: [], inputs: new Map(), layer: 0 };
