@@ -137,19 +137,18 @@ impl Gatherer {
             return Ok(Some((*at, digest)));
         }
         let known = self.surfaces.get(&digest).cloned();
-        let displayed = match known {
-            Some(known) => known,
-            None => {
-                let artefact = library.artefact(side, made)?;
-                let Some(mesh) = artefact.and_then(|it| it.into_any().downcast::<Mesh>().ok()) else {
-                    return Ok(None);
-                };
-                let mut blobs = Blobs::default();
-                let displayed = Displayed::new(&mesh, making.detail, &mut blobs);
-                let displayed = Arc::new((displayed, blobs));
-                self.surfaces.insert(digest, displayed.clone());
-                displayed
-            }
+        let displayed = if let Some(known) = known {
+            known
+        } else {
+            let artefact = library.artefact(side, made)?;
+            let Some(mesh) = artefact.and_then(|it| it.into_any().downcast::<Mesh>().ok()) else {
+                return Ok(None);
+            };
+            let mut blobs = Blobs::default();
+            let displayed = Displayed::new(&mesh, making.detail, &mut blobs);
+            let displayed = Arc::new((displayed, blobs));
+            self.surfaces.insert(digest, displayed.clone());
+            displayed
         };
         let at = making.surfaces.len();
         making.index.insert(digest, at);
@@ -175,17 +174,16 @@ impl Gatherer {
         }
         let key = (digest, surface.map(|(_, digest)| digest));
         let known = self.parts.get(&key).cloned();
-        let part = match known {
-            Some(known) => known,
-            None => {
-                let Some(artefact) = library.artefact(side, call)? else {
-                    making.lost += 1;
-                    return Ok(None);
-                };
-                let on = surface.map(|(at, _)| &making.places[at].0);
-                let room = if making.many { 0 } else { MOST_BYTES.saturating_sub(making.blobs.bytes()) };
-                Arc::new(Part::new(artefact.as_ref(), on, room))
-            }
+        let part = if let Some(known) = known {
+            known
+        } else {
+            let Some(artefact) = library.artefact(side, call)? else {
+                making.lost += 1;
+                return Ok(None);
+            };
+            let on = surface.map(|(at, _)| &making.places[at].0);
+            let room = if making.many { 0 } else { MOST_BYTES.saturating_sub(making.blobs.bytes()) };
+            Arc::new(Part::new(artefact.as_ref(), on, room))
         };
         making.used.insert(key);
         making.blobs.join(&part.blobs);
