@@ -130,6 +130,10 @@ impl Artefact for Ranking {
         let rows = (0..self.queries.len()).flat_map(|q| self.list(q).enumerate().map(move |entry| row(q, entry)));
         Some(Table::new(&["query", "rank", "target", "score"], rows.collect()))
     }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::ranking(self)
+    }
 }
 
 /// The node.

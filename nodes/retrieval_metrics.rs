@@ -186,6 +186,10 @@ impl Artefact for Metrics {
         let classes = self.per_class.iter().map(|(name, f)| (name.as_str(), f));
         Some(Table::new(&columns, std::iter::once(("", &self.overall)).chain(classes).map(row).collect()))
     }
+
+    fn view(&self) -> salient_sdk::View<'_> {
+        crate::views::metrics(self)
+    }
 }
 
 /// The node.

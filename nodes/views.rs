@@ -4,7 +4,8 @@ use std::borrow::Cow;
 
 use salient_sdk::View;
 use salient_sdk::view::{
-    Certificate, Chart, Fields, Level, Link, LinkSet, Links, Marks, Point, Points, Region, Series, Verdict, Verdicts,
+    Certificate, Chart, Classes, Fields, Level, Link, LinkSet, Links, Marks, Point, Points, RankedList, Rankings,
+    Region, Series, Verdict, Verdicts,
 };
 
 use crate::eigensolve::Eigenpairs;
@@ -15,7 +16,12 @@ use crate::iqp_match::{Match, Pair};
 use crate::laplacian::Operator;
 use crate::patch_extract::{Kind, Patches};
 use crate::patch_spectrum::Features;
+use crate::rank::Ranking;
 use crate::reconstruction_energy::Energy;
+use crate::retrieval_metrics::Metrics;
+
+/// How many of the shapes that are most like a query are shown at most.
+const FOUND: usize = 12;
 
 /// The area of each vertex.
 #[must_use]
@@ -160,4 +166,54 @@ pub fn repeatability(of: &Repeatability) -> View<'static> {
         series,
     };
     View { charts: vec![chart], ..View::default() }
+}
+
+/// For each query what is most like it.
+#[must_use]
+pub fn ranking(of: &Ranking) -> View<'static> {
+    let list = |(q, query): (usize, &String)| RankedList {
+        query: query.clone(),
+        found: of.list(q).take(FOUND).map(|(name, score)| (name.to_owned(), score)).collect(),
+    };
+    let queries = of.queries.iter().enumerate().map(list).collect();
+    View { rankings: Some(Rankings { measure: of.measure.clone(), queries }), ..View::default() }
+}
+
+/// The figures, the curve of precision and recall (fig. 10), and which classes are taken for which.
+#[must_use]
+pub fn metrics(of: &Metrics) -> View<'static> {
+    let f = &of.overall;
+    let (recall, precision) = f.precision_recall.iter().map(|[r, p]| (*r, *p)).unzip();
+    let curve = Series { name: String::new(), x: recall, y: precision };
+    let figures = [
+        ("NN", f.nn),
+        ("1st tier", f.first_tier),
+        ("2nd tier", f.second_tier),
+        ("E", f.e),
+        ("DCG", f.dcg),
+        ("mAP", f.map),
+    ];
+    let bars = Chart {
+        title: "Retrieval",
+        x: "",
+        y: "share, 0 to 1",
+        marks: Marks::Bars { names: figures.map(|(name, _)| name.to_owned()).to_vec() },
+        series: vec![Series::new("", figures.map(|(_, value)| value).to_vec())],
+    };
+    let row = |(class, counts): (&String, &Vec<u32>)| {
+        Series::new(class.clone(), counts.iter().map(|n| f64::from(*n)).collect())
+    };
+    let confusion = Chart {
+        title: "Class of the nearest shape",
+        x: "nearest",
+        y: "query",
+        marks: Marks::Matrix { names: of.classes.clone() },
+        series: of.classes.iter().zip(&of.confusion).map(row).collect(),
+    };
+    let classes = of.per_query.iter().map(|query| (query.query.clone(), query.class.clone())).collect();
+    View {
+        classes: Some(Classes { port: "ranking", of: classes }),
+        charts: vec![Chart::lines("Precision and recall", "recall", "share precise", vec![curve]), bars, confusion],
+        ..View::default()
+    }
 }

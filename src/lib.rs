@@ -6,6 +6,7 @@
 //! | [`diagnostics`] | what is wrong with a graph file, and where |
 //! | [`engine`] | runs a plan: keys, content-addressed cache, scheduling, events |
 //! | [`compare`] | variants, graphs and runs side by side |
+//! | [`report`] | results as a page with the shapes themselves |
 //! | [`watch`] | runs again whenever an input changes |
 //! | [`export`] | artefacts in the formats of other tools |
 //! | [`cli`] | the command line: printing and exit codes |
@@ -18,4 +19,5 @@ pub mod diagnostics;
 pub mod engine;
 pub mod export;
 pub mod graph;
+pub mod report;
 pub mod watch;

@@ -85,6 +85,38 @@ pub struct Effort {
     pub keep_going: bool,
 }
 
+/// A page with the results on the shapes themselves.
+#[derive(Args)]
+pub struct ReportChoice {
+    /// Write a page that shows the results on the shapes: one file, opened from disk in any browser
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
+    /// Whether the page holds the drawing library (0.5 MB), or many pages share one beside them
+    #[arg(long, value_enum, value_name = "WHERE", default_value = "inline", requires = "report")]
+    pub report_assets: AssetsChoice,
+    /// Surfaces with more vertices than this are shown simplified
+    #[arg(long, value_name = "VERTICES", default_value_t = crate::report::DETAIL as u32, requires = "report",
+        value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
+    pub report_detail: u32,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum AssetsChoice {
+    /// In the page
+    Inline,
+    /// In a file beside the page
+    Shared,
+}
+
+impl From<AssetsChoice> for crate::report::Assets {
+    fn from(choice: AssetsChoice) -> Self {
+        match choice {
+            AssetsChoice::Inline => Self::Inline,
+            AssetsChoice::Shared => Self::Shared,
+        }
+    }
+}
+
 #[derive(Args)]
 pub struct RunArgs {
     #[command(flatten)]
@@ -96,6 +128,8 @@ pub struct RunArgs {
     /// Write each result to this folder, as JSON and as safetensors
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    #[command(flatten)]
+    pub report: ReportChoice,
     /// Print events as lines of JSON on standard output; the last has `"event": "results"`, with the digest, summary
     /// and defects of each result
     #[arg(long)]
@@ -120,6 +154,14 @@ pub struct WatchArgs {
     /// hosts write to a network file system [default: notices, and a look every 2 seconds]
     #[arg(long, value_name = "SECONDS", value_parser = period)]
     pub poll: Option<Duration>,
+    /// Keep a page current that shows the results on the shapes. Without an address it is at 127.0.0.1:7700 (or, if that
+    /// is taken, at another port), where only this host reaches it
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "", value_parser = serve_address)]
+    pub serve: Option<String>,
+    /// Surfaces with more vertices than this are shown simplified
+    #[arg(long, value_name = "VERTICES", default_value_t = crate::report::DETAIL as u32, requires = "serve",
+        value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
+    pub report_detail: u32,
 }
 
 #[derive(Args)]
@@ -201,6 +243,8 @@ pub struct CompareArgs {
     pub cache: CacheChoice,
     #[command(flatten)]
     pub effort: Effort,
+    #[command(flatten)]
+    pub report: ReportChoice,
     /// Print one JSON document, with every differing node
     #[arg(long, conflicts_with = "csv")]
     pub json: bool,
@@ -334,6 +378,14 @@ fn age(text: &str) -> Result<Duration, String> {
 fn period(text: &str) -> Result<Duration, String> {
     let seconds = text.parse::<f64>().ok().filter(|x| (0.05..=3600.0).contains(x));
     seconds.map(Duration::from_secs_f64).ok_or_else(|| "a number of seconds from 0.05 to 3600".into())
+}
+
+fn serve_address(text: &str) -> Result<String, String> {
+    let port = text.rsplit_once(':').filter(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok());
+    if text.is_empty() || port.is_some() {
+        return Ok(text.to_owned());
+    }
+    Err("an address is HOST:PORT, as 127.0.0.1:7700 or 0.0.0.0:0; for the usual one write --serve last, after the graph".into())
 }
 
 fn gigabytes(text: &str) -> Result<u64, String> {

@@ -32,8 +32,9 @@ pub struct Found<'a> {
 
 /// `salient compare`.
 pub fn compare(args: &CompareArgs, registry: &Registry) -> Result<(), Fail> {
-    let cache = args.cache.open()?;
     let plans = plans(args, registry)?;
+    let report = args.report.target()?;
+    let cache = args.cache.open()?;
     let mut runs = former(args, &plans, &cache)?;
     let columns = |variants: usize| variants.max(1);
     let known = runs.iter().map(|(_, run)| columns(run.summary.variants.len())).sum::<usize>();
@@ -60,6 +61,10 @@ pub fn compare(args: &CompareArgs, registry: &Registry) -> Result<(), Fail> {
     let mut pairs = Vec::new();
     for (i, j) in chosen(args, &all)? {
         pairs.push(compare::compare(&all[i], &all[j], depth, &library)?);
+    }
+    if let Some(report) = report {
+        let summaries: Vec<_> = runs.iter().map(|(_, run)| &run.summary).collect();
+        report.write(&summaries, &all, &pairs, &library)?;
     }
     let figures = compare::figures(&all, &library)?;
     let found = Found { sides: &all, figures, stages: compare::stages(&all), pairs };

@@ -16,6 +16,7 @@ mod get;
 mod nodes;
 mod plan;
 mod progress;
+mod report;
 mod results;
 mod run;
 mod runs;

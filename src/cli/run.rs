@@ -85,10 +85,15 @@ pub fn verdict(outcome: &Outcome) -> Result<(), Fail> {
 /// `salient run`.
 pub fn run(args: &RunArgs, registry: &Registry) -> Result<(), Fail> {
     let plan = load(&args.graph, registry)?;
+    let report = args.report.target()?;
     let cache = args.cache.open()?;
     let wanted: Vec<_> = plan.show.iter().map(|shown| shown.call).collect();
     let outcome = compute(&plan, &wanted, &cache, &args.effort, args.json, &listen()?)?;
-    match tell(args, &plan, &outcome, &cache) {
+    let told = tell(args, &plan, &outcome, &cache);
+    if let Some(report) = report.filter(|_| !outcome.cancelled) {
+        report.run(&outcome.record, &cache, registry)?;
+    }
+    match told {
         // A reader who has seen enough does not make a failed run a good one.
         Ok(()) | Err(Fail::Pipe) => verdict(&outcome),
         Err(fail) => Err(fail),

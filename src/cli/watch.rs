@@ -12,8 +12,11 @@ use super::plan::overrides;
 use super::progress::{Progress, json_line, line, totals};
 use super::results::result;
 use super::text::{complain, print};
-use crate::engine::{Cache, Cancel, Event, Outcome};
+use crate::compare::{Library, sides};
+use crate::engine::{Cache, CacheError, Cancel, Event, Outcome};
 use crate::graph::Plan;
+use crate::report::serve::Server;
+use crate::report::{Gatherer, scene};
 use crate::watch::{Observer, Stop, Subject, Watch};
 
 /// `salient watch`: ends by Ctrl-C, or when its output is closed.
@@ -26,6 +29,7 @@ pub fn watch(args: &WatchArgs, registry: &Registry) -> Result<(), Fail> {
         options: args.effort.options(),
         poll: args.poll,
     };
+    let page = args.serve.as_ref().map(|address| Page::start(address, args, registry)).transpose()?;
     let watch = Watch::new(subject);
     let stop = watch.stopper();
     let handler = {
@@ -38,14 +42,48 @@ pub fn watch(args: &WatchArgs, registry: &Registry) -> Result<(), Fail> {
         }
     };
     ctrlc::set_handler(handler).map_err(|e| Fail::Lacking(format!("cannot listen for interrupts: {e}")))?;
-    let mut teller =
-        Teller { json: args.json, out: args.out.clone(), stop, progress: None, shown: BTreeMap::new(), fail: None };
+    let mut teller = Teller {
+        json: args.json,
+        out: args.out.clone(),
+        stop,
+        progress: None,
+        shown: BTreeMap::new(),
+        page,
+        fail: None,
+    };
     watch.run(&mut teller)?;
     Err(teller.fail.unwrap_or(Fail::Interrupted))
 }
 
+/// The live page.
+struct Page<'a> {
+    server: Server,
+    gatherer: Gatherer,
+    registry: &'a Registry,
+}
+
+impl<'a> Page<'a> {
+    fn start(address: &str, args: &WatchArgs, registry: &'a Registry) -> Result<Self, Fail> {
+        let title = args.graph.graph.file_name().unwrap_or_default().to_string_lossy();
+        let server = Server::start(address, &title).map_err(|e| Fail::Usage {
+            message: format!("cannot serve a page at {address}: {e}"),
+            help: Some("name another address with --serve HOST:PORT; port 0 means any that is free".into()),
+        })?;
+        complain(&format!("the page is http://{}/", server.address));
+        Ok(Self { server, gatherer: Gatherer::new(args.report_detail as usize), registry })
+    }
+
+    fn outcome(&mut self, outcome: &Outcome, trouble: Option<String>, cache: &Cache) -> Result<(), CacheError> {
+        let (run, library) = (&outcome.record, Library::new(cache, self.registry));
+        let (scene, blobs) = scene(&mut self.gatherer, &[&run.summary], &sides("", run), &[], &library)?;
+        self.server.trouble(trouble);
+        self.server.scene(&scene, blobs);
+        Ok(())
+    }
+}
+
 /// Tells people, or programs with `--json`.
-struct Teller {
+struct Teller<'a> {
     json: bool,
     out: Option<PathBuf>,
     stop: Stop,
@@ -53,12 +91,16 @@ struct Teller {
     progress: Option<Progress>,
     /// What was last said of each result.
     shown: BTreeMap<String, String>,
+    page: Option<Page<'a>>,
     /// Why the watch cannot go on.
     fail: Option<Fail>,
 }
 
-impl Observer for Teller {
+impl Observer for Teller<'_> {
     fn event(&mut self, event: &Event) {
+        if let Some(page) = &self.page {
+            page.server.event(event);
+        }
         if self.json {
             let told = json_line(event).map_err(Fail::from);
             return self.check(told);
@@ -84,11 +126,17 @@ impl Observer for Teller {
         let mut written = Vec::new();
         let told = self.tell(plan, outcome, cache, &mut written);
         self.check(told);
+        if let Some(page) = &mut self.page {
+            let failed = failures::failures(plan, outcome);
+            let trouble = (!failed.is_empty()).then(|| failures::text(&failed));
+            let shown = page.outcome(outcome, trouble, cache).map_err(Fail::from);
+            self.check(shown);
+        }
         written
     }
 }
 
-impl Teller {
+impl Teller<'_> {
     fn check(&mut self, told: Result<(), Fail>) {
         if let Err(fail) = told {
             self.fail.get_or_insert(fail);

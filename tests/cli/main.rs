@@ -11,6 +11,7 @@ mod kills;
 mod notebook;
 mod real;
 mod registry;
+mod report;
 mod retrieval;
 mod values;
 mod watch;

@@ -18,6 +18,10 @@ pub struct View<'a> {
     pub links: Option<Links>,
     /// How right the links of another artefact are.
     pub verdicts: Option<Verdicts>,
+    /// Shapes in the order of their likeness to others.
+    pub rankings: Option<Rankings>,
+    /// Classes of the shapes in another artefact's rankings.
+    pub classes: Option<Classes>,
     /// Charts.
     pub charts: Vec<Chart>,
 }
@@ -162,6 +166,33 @@ pub struct Verdict {
     pub error: Option<f64>,
     /// The same, a mirror image of the truth counting as well.
     pub symmetric: Option<f64>,
+}
+
+/// For each query the shapes that are most like it. Names are labels of instances on an axis, upward of the artefact.
+#[derive(Clone, Debug, Serialize)]
+pub struct Rankings {
+    /// What the order is by.
+    pub measure: String,
+    /// The queries.
+    pub queries: Vec<RankedList>,
+}
+
+/// A query, and what is most like it.
+#[derive(Clone, Debug, Serialize)]
+pub struct RankedList {
+    /// Its name.
+    pub query: String,
+    /// Names and scores, the most alike first; no more than are worth a look.
+    pub found: Vec<(String, f64)>,
+}
+
+/// Which class each shape is of.
+#[derive(Clone, Debug, Serialize)]
+pub struct Classes {
+    /// The port at which the rankings came in.
+    pub port: &'static str,
+    /// Names and classes.
+    pub of: Vec<(String, String)>,
 }
 
 /// A chart; those of one title from several artefacts are drawn into one.
