@@ -123,7 +123,9 @@ impl Graph {
         let degree: Vec<f64> =
             rows.iter().map(|row| row.iter().map(|(_, w)| w).sum::<f64>().max(f64::MIN_POSITIVE)).collect();
         for (i, row) in rows.iter_mut().enumerate() {
-            row.iter_mut().for_each(|(j, w)| *w /= degree[i].sqrt() * degree[*j].sqrt());
+            for (j, w) in row.iter_mut() {
+                *w /= degree[i].sqrt() * degree[*j].sqrt();
+            }
         }
         Self(rows)
     }

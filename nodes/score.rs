@@ -87,7 +87,7 @@ impl Node for Score {
         "b":       synthesize(pose: 1),
         "fa":      graph(file: "salient_features.ron", mesh: "a"),
         "fb":      graph(file: "salient_features.ron", mesh: "b"),
-        "matches": match_all(features: ["fa", "fb"]),
+        "matches": match_all(queries: ["fa", "fb"], targets: ["fa", "fb"]),
         "alike":   score(scores: "matches"),
     "#;
     type Params = Params;

@@ -129,7 +129,9 @@ impl Search {
             }
             // Candidates that share a feature earn nothing together, so the gain of `a` is already without those.
             if self.gain[a] > lost + LEAST {
-                out.iter().for_each(|b| self.take(*b));
+                for b in out {
+                    self.take(b);
+                }
                 self.put(a);
                 changed = true;
             }

@@ -36,7 +36,7 @@ impl Labels {
     pub fn class(&self, name: &str) -> Option<String> {
         match self {
             Self::Known(known) => known.get(name).or_else(|| known.get(name.rsplit('/').next()?)).cloned(),
-            Self::Pattern(parts) => matched(parts, name).flatten(),
+            Self::Pattern(parts) => matched(parts, name),
         }
     }
 }
@@ -134,9 +134,9 @@ pub(super) fn parse(pattern: &str) -> Result<Vec<Part>, String> {
     Err(format!("the pattern `{pattern}` needs one `{CLASS}`, such as `{CLASS}_*` or `{CLASS}#`"))
 }
 
-/// Whether a name fits, and if so the class in it.
-fn matched(parts: &[Part], name: &str) -> Option<Option<String>> {
-    let Some((part, rest)) = parts.split_first() else { return name.is_empty().then_some(None) };
+/// If a name fits, the class in it; empty if the class is not among the parts.
+fn matched(parts: &[Part], name: &str) -> Option<String> {
+    let Some((part, rest)) = parts.split_first() else { return name.is_empty().then(String::new) };
     let ends = || name.char_indices().map(|(at, c)| at + c.len_utf8());
     match part {
         Part::Text(text) => matched(rest, name.strip_prefix(text.as_str())?),
@@ -145,7 +145,7 @@ fn matched(parts: &[Part], name: &str) -> Option<Option<String>> {
             let digits = name.bytes().take_while(u8::is_ascii_digit).count();
             (1..=digits).rev().find_map(|end| matched(rest, &name[end..]))
         }
-        Part::Class => ends().find_map(|end| matched(rest, &name[end..]).map(|_| Some(name[..end].to_owned()))),
+        Part::Class => ends().find_map(|end| matched(rest, &name[end..]).map(|_| name[..end].to_owned())),
     }
 }
 

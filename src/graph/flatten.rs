@@ -390,8 +390,7 @@ impl<'a, 'r> Walk<'a, 'r> {
     /// The value of a param: text, or the item of an axis.
     fn arg(&mut self, scope: usize, value: &Value) -> Option<Arg> {
         let (scope, value) = self.follow(scope, value)?;
-        let of_axis: [(&str, fn(usize, Span) -> Arg); 2] = [("each", Arg::Each), ("folders", Arg::Folders)];
-        for (word, arg) in of_axis {
+        for word in ["each", "folders"] {
             match value.word(self.report, word) {
                 None => {}
                 Some(Ok(name)) => {
@@ -402,6 +401,7 @@ impl<'a, 'r> Walk<'a, 'r> {
                         self.report.error(name.span, "unknown-axis", message).hint(hint);
                         return None;
                     };
+                    let arg = if word == "each" { Arg::Each } else { Arg::Folders };
                     return Some(arg(*axis, value.span));
                 }
                 Some(Err(span)) => {

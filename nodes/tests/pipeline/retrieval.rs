@@ -43,7 +43,9 @@ fn wired(shapes: &[(&'static str, Arc<Features>)], failed: &[&str]) -> PortValue
         for (name, features) in shapes {
             values.push(port, name, features.clone());
         }
-        failed.iter().for_each(|name| values.push_missing(port, name));
+        for name in failed {
+            values.push_missing(port, name);
+        }
     }
     values
 }
@@ -189,12 +191,14 @@ fn fusing_is_free_of_units_and_leaves_out_what_one_lacks() {
     let thousand = signed(&names, &[0.0, 1000.0, 5000.0, 7000.0]);
     let fused = |all: &[&Arc<Similarity>], weights: &[f64]| {
         let mut port = PortValues::default();
-        all.iter().for_each(|s| port.push("similarities", "", Arc::clone(s) as Arc<dyn salient_sdk::AnyArtefact>));
+        for s in all {
+            port.push("similarities", "", Arc::clone(s) as Arc<dyn salient_sdk::AnyArtefact>);
+        }
         TestHost::default().run_wired::<Fuse>(&fuse::Params { weights: weights.to_vec() }, port)
     };
     let both = fused(&[&one, &thousand], &[]).unwrap();
     let single = fused(&[&one], &[]).unwrap();
-    both.values.iter().zip(&single.values).for_each(|(x, y)| assert!((x - y).abs() < 1e-12));
+    assert!(both.values.iter().zip(&single.values).all(|(x, y)| (x - y).abs() < 1e-12));
     // Distances of 1, 5, 7, 4, 6 and 2 have the mean 25 / 6.
     assert!((single.row(0)[1] + 6.0 / 25.0).abs() < 1e-12);
     let short = fused(&[&one, &signed(&names[1..], &[0.0, 1.0, 2.0])], &[1.0, 0.0]).unwrap();

@@ -182,7 +182,7 @@ pub fn octopus(random: &mut Random) -> Body {
     body.egg([0.0, 0.0, 0.35], [size, size, between(random, 0.4, 0.65)]);
     let length = between(random, 0.9, 1.4);
     for i in 0..8 {
-        let mut round = i as f64 * std::f64::consts::TAU / 8.0 + 0.15 * random.signed();
+        let mut round = f64::from(i) * std::f64::consts::TAU / 8.0 + 0.15 * random.signed();
         let (mut up, curl, side) = (-0.4 + 0.3 * random.signed(), 0.7 * random.signed(), 0.5 * random.signed());
         let mut parts = Vec::new();
         for _ in 0..4 {
@@ -222,7 +222,7 @@ pub fn fish(random: &mut Random) -> Body {
     let swim = 0.35 * random.signed();
     // The trunk as a row of flat eggs along a curve.
     for i in 0..6 {
-        let t = i as f64 / 5.0;
+        let t = f64::from(i) / 5.0;
         let fat = (1.0 - (t - 0.4).powi(2) * 2.0).max(0.25);
         let x = swim * (2.0 * t).sin();
         body.egg([x, 1.6 * t, 0.0], [wide * fat, 0.3, deep * fat]);

@@ -23,12 +23,12 @@ pub fn airplane(random: &mut Random) -> Body {
     let thick = between(random, 0.03, 0.05);
     for side in [-1.0, 1.0] {
         for i in 0..4 {
-            let back = chord * (i as f64 / 3.0 - 0.5);
+            let back = chord * (f64::from(i) / 3.0 - 0.5);
             let tip = [side * span, 0.1 - sweep + 0.5 * back, rise];
             body.cone([0.0, 0.1 + back, 0.0], tip, 1.3 * thick, thick);
         }
         for i in 0..2 {
-            let back = 0.12 * i as f64;
+            let back = 0.12 * f64::from(i);
             body.cone([0.0, -0.85 - back, 0.0], [side * 0.35, -0.95 - back - 0.3 * sweep, 0.03], thick, thick);
         }
         if random.unit() < 0.6 {
@@ -37,7 +37,7 @@ pub fn airplane(random: &mut Random) -> Body {
         }
     }
     for i in 0..2 {
-        let back = 0.12 * i as f64;
+        let back = 0.12 * f64::from(i);
         body.cone([0.0, -0.85 - back, 0.0], [0.0, -1.0 - back, 0.35], thick, thick);
     }
     body
@@ -92,7 +92,7 @@ pub fn chair(random: &mut Random) -> Body {
     if random.unit() < 0.25 {
         body.cone([0.0; 3], [0.0, 0.0, -leg], 0.08, 0.08);
         for i in 0..5 {
-            let a = TAU * i as f64 / 5.0;
+            let a = TAU * f64::from(i) / 5.0;
             body.cone([0.0, 0.0, -leg], [0.5 * a.cos(), 0.5 * a.sin(), -leg - 0.1], round, round);
         }
     } else {
@@ -258,7 +258,7 @@ pub fn vase(random: &mut Random) -> Body {
         for side in [-1.0, 1.0] {
             let points: Vec<[f64; 3]> = (0..=8)
                 .map(|i| {
-                    let a = PI * i as f64 / 8.0;
+                    let a = PI * f64::from(i) / 8.0;
                     [
                         side * (neck + 0.32 * a.sin()),
                         0.0,

@@ -11,6 +11,8 @@ pub const DEGREES: usize = 12;
 pub const SHELLS: usize = 10;
 /// Distance of the outermost shell, over the root mean square.
 const REACH: f64 = 2.2;
+/// Number of harmonics.
+const WIDTH: usize = (DEGREES + 1) * (DEGREES + 1);
 /// Points on the surface.
 const POINTS: usize = 12_000;
 
@@ -20,7 +22,6 @@ pub fn harmonics(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Vec<f64> {
     let points = super::samples(vertices, faces, POINTS);
     let middle = super::centre(&points);
     let rms = points.iter().map(|(p, w)| w * distance(*p, middle).powi(2)).sum::<f64>().sqrt();
-    const WIDTH: usize = (DEGREES + 1) * (DEGREES + 1);
     let mut sums = vec![[0.0; WIDTH]; SHELLS];
     let mut basis = [0.0; WIDTH];
     for (p, weight) in &points {
