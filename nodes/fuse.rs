@@ -61,7 +61,8 @@ impl Node for Fuse {
         bad.map(|message| ("weights", message)).into_iter().collect()
     }
 
-    fn run(params: &Params, In { similarities }: In, _: Context) -> Result<Similarity, NodeError> {
+    fn run(params: &Params, In { similarities }: In, cx: Context) -> Result<Similarity, NodeError> {
+        cx.check()?;
         let count = similarities.len();
         let weights = if params.weights.is_empty() { vec![1.0; count] } else { params.weights.clone() };
         let total: f64 = weights.iter().sum();

@@ -221,6 +221,7 @@ impl Node for RetrievalMetrics {
     }
 
     fn run(params: &Params, In { ranking }: In, cx: Context) -> Result<Metrics, NodeError> {
+        cx.check()?;
         let bytes = params.labels.as_ref().map(|_| cx.read("labels")).transpose()?;
         let text = bytes.as_deref().map(String::from_utf8_lossy);
         let extension = params.labels.as_ref().map(FileParam::extension).unwrap_or_default();

@@ -94,7 +94,8 @@ impl Node for Score {
     type Inputs = In;
     type Output = Similarity;
 
-    fn run(params: &Params, In { scores, rest }: In, _: Context) -> Result<Similarity, NodeError> {
+    fn run(params: &Params, In { scores, rest }: In, cx: Context) -> Result<Similarity, NodeError> {
+        cx.check()?;
         let names = |shapes: &[Shape]| shapes.iter().map(|s| s.name.clone()).collect::<Vec<_>>();
         let mut alike = Similarity {
             measure: "salient features".into(),

@@ -65,7 +65,8 @@ impl Node for ShapeDna {
     type Inputs = In;
     type Output = Signature;
 
-    fn run(params: &Params, In { basis }: In, _: Context) -> Result<Signature, NodeError> {
+    fn run(params: &Params, In { basis }: In, cx: Context) -> Result<Signature, NodeError> {
+        cx.check()?;
         let values = free_of_size(&basis, params.values as usize)?;
         Ok(Signature { kind: "ShapeDNA".into(), values: values.into_iter().map(f64::ln).collect() })
     }

@@ -56,7 +56,8 @@ impl Node for Shortlist {
     type Inputs = In;
     type Output = Similarity;
 
-    fn run(params: &Params, In { similarity }: In, _: Context) -> Result<Similarity, NodeError> {
+    fn run(params: &Params, In { similarity }: In, cx: Context) -> Result<Similarity, NodeError> {
+        cx.check()?;
         let (rows, columns) = (similarity.queries.len(), similarity.targets.len());
         let square = similarity.is_square();
         let mut compared = vec![0; rows * columns];

@@ -45,7 +45,8 @@ impl Node for VolumeSignature {
     type Inputs = In;
     type Output = Signature;
 
-    fn run(_: &VolumeParams, In { mesh }: In, _: Context) -> Result<Signature, NodeError> {
+    fn run(_: &VolumeParams, In { mesh }: In, cx: Context) -> Result<Signature, NodeError> {
+        cx.check()?;
         Ok(Signature { kind: "spherical harmonics".into(), values: harmonics(&mesh.vertices, &mesh.faces) })
     }
 }
@@ -89,7 +90,8 @@ impl Node for ViewSignature {
     type Inputs = In;
     type Output = Signature;
 
-    fn run(params: &ViewParams, In { mesh }: In, _: Context) -> Result<Signature, NodeError> {
+    fn run(params: &ViewParams, In { mesh }: In, cx: Context) -> Result<Signature, NodeError> {
+        cx.check()?;
         let (kind, align) = match params.align {
             Align::Area => ("views by area", views::Align::Area),
             Align::Normals => ("views by normals", views::Align::Normals),
