@@ -47,7 +47,7 @@ fn a_database_is_ranked_and_a_new_shape_costs_its_own_row() {
     real.write(
         "labels.csv",
         "id,class\n".to_owned()
-            + &["Cat", "Giraffe"].map(|c| (0..3).map(|i| format!("{c}{i}.off,{c}\n")).collect::<String>()).concat(),
+            + &["Cat", "Giraffe"].map(|c| [0, 1, 2].map(|i| format!("{c}{i}.off,{c}\n")).concat()).concat(),
     );
     assert_eq!(metrics(&real, &["--set", "labels=\"labels.csv\""]), found);
     assert_eq!(metrics(&real, &["--set", "pattern=\"{class}#\""]), found);
