@@ -2,7 +2,7 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`scene`] | what a page shows: one JSON document that names arrays |
+//! | [`mod@scene`] | what a page shows: one JSON document that names arrays |
 //! | [`blobs`] | the arrays, by content |
 //! | [`gather`] | recorded runs and the cache -> scene |
 //! | `part` | what one output shows |
