@@ -52,7 +52,9 @@ fn every_graph_plans() {
                 let plan = real.json(&["plan", PAIR, "--json", &a, &b]);
                 assert_eq!(plan["calls"].as_array().unwrap().len(), 8, "both sides are one");
             }
-            "literal.ron" | "corrected.ron" | "robust.ron" => assert!(!real.ok(&["check", &name, &a, &b]).is_empty()),
+            "explain.ron" | "literal.ron" | "corrected.ron" | "robust.ron" => {
+                assert!(!real.ok(&["check", &name, &a, &b]).is_empty())
+            }
             "evaluate_pair.ron" | "evaluate_part.ron" => {
                 assert!(!real.ok(&["check", &name, &a, &b, &template]).is_empty());
             }
@@ -60,7 +62,6 @@ fn every_graph_plans() {
                 real.write("other cat.off", &creatures()[1]);
                 assert!(!real.ok(&["check", &name, "--set", "shapes=files(\"*cat.off\")"]).is_empty());
             }
-            "explain.ron" => assert!(!real.ok(&["check", &name, &a, &b]).is_empty()),
             // A subgraph is called by others.
             "salient_features.ron" => {
                 let stderr = real.fails(2, &["run", &name]);
