@@ -53,7 +53,7 @@ fn every_graph_plans() {
                 assert_eq!(plan["calls"].as_array().unwrap().len(), 8, "both sides are one");
             }
             "explain.ron" | "literal.ron" | "corrected.ron" | "robust.ron" => {
-                assert!(!real.ok(&["check", &name, &a, &b]).is_empty())
+                assert!(!real.ok(&["check", &name, &a, &b]).is_empty());
             }
             "evaluate_pair.ron" | "evaluate_part.ron" => {
                 assert!(!real.ok(&["check", &name, &a, &b, &template]).is_empty());
