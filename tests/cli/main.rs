@@ -229,7 +229,7 @@ fn get_writes_whole_files_in_the_format_of_their_extension() {
         assert!(fs::metadata(desk.path(name)).unwrap().len() > 40, "{name}");
     }
     let refused = desk.call(&["get", "g.ron", "total", "-o", "total.ply"]);
-    assert_eq!(refused.status.code(), Some(1));
+    assert_eq!(refused.status.code(), Some(2));
     assert!(text(&refused.stderr).contains("json, csv, npz, safetensors"));
     assert!(!desk.path("total.ply").exists());
     let unknown = desk.call(&["get", "g.ron", "total", "-o", "total.xyz"]);

@@ -44,11 +44,8 @@ fn a_database_is_ranked_and_a_new_shape_costs_its_own_row() {
     assert_eq!(found["precision_recall"].as_array().unwrap().len(), 11);
     assert_eq!((&found["per_class"]["Cat"]["queries"], &found["failed"]), (&3.into(), &Value::Array(Vec::new())));
     // Classes by a table or by names are the same classes.
-    real.write(
-        "labels.csv",
-        "id,class\n".to_owned()
-            + &["Cat", "Giraffe"].map(|c| [0, 1, 2].map(|i| format!("{c}{i}.off,{c}\n")).concat()).concat(),
-    );
+    let lines = ["Cat", "Giraffe"].map(|c| [0, 1, 2].map(|i| format!("{c}{i}.off,{c}\n")).concat());
+    real.write("labels.csv", format!("id,class\n{}", lines.concat()));
     assert_eq!(metrics(&real, &["--set", "labels=\"labels.csv\""]), found);
     assert_eq!(metrics(&real, &["--set", "pattern=\"{class}#\""]), found);
     let stderr = real.fails(1, &["get", "retrieval.ron", "metrics", "--set", "shapes=files(\"db/Cat/*.off\")"]);

@@ -1,5 +1,8 @@
 //! Figures of ranked lists: by hand, and against golden/retrieval.py, which writes them from the definitions.
 
+// A test may fail where it stands.
+#![allow(clippy::unwrap_used)]
+
 use salient_kernels::retrieval::{Merit, ranked};
 
 const GOLDEN: &str = include_str!("golden/retrieval.csv");

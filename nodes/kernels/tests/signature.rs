@@ -1,6 +1,7 @@
 //! Signatures of surfaces in space do not depend on place, size, turn, and hardly on the triangulation.
 
-#![allow(clippy::unwrap_used)] // Helpers of tests fail by panicking, as tests do.
+// A test may fail where it stands.
+#![allow(clippy::unwrap_used)]
 
 use salient_kernels::creature::{CreatureParams, Species, generate};
 use salient_kernels::object;
@@ -8,7 +9,7 @@ use salient_kernels::signature::harmonics::harmonics;
 use salient_kernels::signature::views::{Align, views};
 
 type Points = Vec<[f64; 3]>;
-type Describe<'a> = &'a dyn Fn(&Points, &[[u32; 3]]) -> Vec<f64>;
+type Signature = fn(&Points, &[[u32; 3]]) -> Vec<f64>;
 
 fn creature(species: Species, vertices: usize) -> (Points, Vec<[u32; 3]>) {
     let made = generate(&CreatureParams { species, vertices, ..CreatureParams::default() }).unwrap();
@@ -43,13 +44,13 @@ fn triangulations_differ_less_than_species() {
     let coarse = creature(Species::Cat, 1000);
     let fine = creature(Species::Cat, 4000);
     let bear = creature(Species::Bear, 4000);
-    let of = |f: Describe| {
+    let of = |f: Signature| {
         let [a, b, c] = [&coarse, &fine, &bear].map(|m| f(&m.0, &m.1));
         (apart(&a, &b), apart(&b, &c))
     };
-    let (same, other) = of(&|p, f| harmonics(p, f));
+    let (same, other) = of(|p, f| harmonics(p, f));
     assert!(5.0 * same < other, "{same} {other}");
-    let (same, other) = of(&|p, f| views(p, f, Align::Area));
+    let (same, other) = of(|p, f| views(p, f, Align::Area));
     assert!(3.0 * same < other, "{same} {other}");
 }
 

@@ -7,7 +7,7 @@ use crate::vec3::{distance, norm, scale, sub};
 
 /// Highest degree.
 pub const DEGREES: usize = 12;
-/// Shells, at distances up to 2.2 times the root mean square.
+/// Shells, evenly spaced by distance from the centre.
 pub const SHELLS: usize = 10;
 /// Distance of the outermost shell, over the root mean square.
 const REACH: f64 = 2.2;
