@@ -6,12 +6,12 @@
 
 use std::sync::Arc;
 
-use salient_sdk::{Context, Inputs, Node, NodeError, Port, PortValues};
+use salient_sdk::{Context, Node, NodeError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::fuse::greatest;
-use crate::similarity::Similarity;
+use crate::similarity::{Similarity, Single};
 
 /// Params of [`Diffuse`].
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -28,18 +28,6 @@ pub struct Params {
 impl Default for Params {
     fn default() -> Self {
         Self { neighbours: 10, alpha: 0.8 }
-    }
-}
-
-/// A database against itself.
-pub struct In {
-    similarity: Arc<Similarity>,
-}
-
-impl Inputs for In {
-    const PORTS: &'static [Port] = &[Port::one::<Similarity>("similarity", "how alike the shapes of a database are")];
-    fn take(from: &mut PortValues) -> Result<Self, NodeError> {
-        Ok(Self { similarity: from.one("similarity")? })
     }
 }
 
@@ -60,10 +48,10 @@ impl Node for Diffuse {
         "spread": diffuse(similarity: "alike"),
     "#;
     type Params = Params;
-    type Inputs = In;
+    type Inputs = Single;
     type Output = Similarity;
 
-    fn run(params: &Params, In { similarity }: In, cx: Context) -> Result<Similarity, NodeError> {
+    fn run(params: &Params, Single { similarity }: Single, cx: Context) -> Result<Similarity, NodeError> {
         if !similarity.is_square() {
             return Err(NodeError::new(
                 "the queries are not the targets: only a database against itself can be diffused",

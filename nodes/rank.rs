@@ -1,14 +1,12 @@
 //! `rank`: for each query the targets, the most alike first.
 
-use std::sync::Arc;
-
 use salient_kernels::retrieval::ranked;
-use salient_sdk::{Artefact, Context, Decoder, Encoder, FormatError, Inputs, Node, NodeError, Port, PortValues, Table};
+use salient_sdk::{Artefact, Context, Decoder, Encoder, FormatError, Node, NodeError, Table};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::similarity::{Similarity, missing_line};
+use crate::similarity::{Similarity, Single, missing_line};
 
 /// Params of [`Rank`].
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
@@ -19,18 +17,6 @@ pub struct Params {
     pub top: Option<u32>,
     /// Whether a target of the query's own name is ranked too: the query itself, or the whole of which it is a part. Default false.
     pub own: bool,
-}
-
-/// How alike shapes are.
-pub struct In {
-    similarity: Arc<Similarity>,
-}
-
-impl Inputs for In {
-    const PORTS: &'static [Port] = &[Port::one::<Similarity>("similarity", "how alike queries and targets are")];
-    fn take(from: &mut PortValues) -> Result<Self, NodeError> {
-        Ok(Self { similarity: from.one("similarity")? })
-    }
 }
 
 /// Ranked lists.
@@ -153,10 +139,10 @@ impl Node for Rank {
         "ranking":    rank(similarity: "similarity"),
     "#;
     type Params = Params;
-    type Inputs = In;
+    type Inputs = Single;
     type Output = Ranking;
 
-    fn run(params: &Params, In { similarity }: In, cx: Context) -> Result<Ranking, NodeError> {
+    fn run(params: &Params, Single { similarity }: Single, cx: Context) -> Result<Ranking, NodeError> {
         let top = params.top.map_or(usize::MAX, |top| top as usize);
         let rows: Vec<usize> = (0..similarity.queries.len()).collect();
         let lists = cx.map(&rows, |_, &q| {

@@ -1,13 +1,11 @@
 //! `shortlist`: the pairs that are worth a full comparison, by a cheap one.
 
-use std::sync::Arc;
-
 use salient_kernels::retrieval::ranked;
-use salient_sdk::{Context, Inputs, Node, NodeError, Port, PortValues};
+use salient_sdk::{Context, Node, NodeError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::similarity::Similarity;
+use crate::similarity::{Similarity, Single};
 
 /// Params of [`Shortlist`].
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -21,18 +19,6 @@ pub struct Params {
 impl Default for Params {
     fn default() -> Self {
         Self { count: 100 }
-    }
-}
-
-/// A cheap similarity.
-pub struct In {
-    similarity: Arc<Similarity>,
-}
-
-impl Inputs for In {
-    const PORTS: &'static [Port] = &[Port::one::<Similarity>("similarity", "how alike shapes are by a cheap measure")];
-    fn take(from: &mut PortValues) -> Result<Self, NodeError> {
-        Ok(Self { similarity: from.one("similarity")? })
     }
 }
 
@@ -53,10 +39,10 @@ impl Node for Shortlist {
         "list":  shortlist(similarity: "alike", count: 1),
     "#;
     type Params = Params;
-    type Inputs = In;
+    type Inputs = Single;
     type Output = Similarity;
 
-    fn run(params: &Params, In { similarity }: In, cx: Context) -> Result<Similarity, NodeError> {
+    fn run(params: &Params, Single { similarity }: Single, cx: Context) -> Result<Similarity, NodeError> {
         cx.check()?;
         let (rows, columns) = (similarity.queries.len(), similarity.targets.len());
         let square = similarity.is_square();

@@ -1,7 +1,9 @@
 //! How alike shapes are: a matrix of queries against targets, the greater the more alike. Not a node: what several nodes make and
 //! `rank`, `fuse`, `diffuse` and `shortlist` take.
 
-use salient_sdk::{Artefact, Decoder, Encoder, FormatError, NodeError, Table};
+use std::sync::Arc;
+
+use salient_sdk::{Artefact, Decoder, Encoder, FormatError, Inputs, NodeError, Port, PortValues, Table};
 use serde_json::{Value, json};
 
 /// How alike each query and each target are.
@@ -69,6 +71,19 @@ pub fn missing_line(missing: &[String]) -> Option<(&'static str, String)> {
     let more = if missing.len() > SHOWN { format!(" and {} more", missing.len() - SHOWN) } else { String::new() };
     let names = missing.iter().take(SHOWN).cloned().collect::<Vec<_>>().join(", ");
     (!missing.is_empty()).then(|| ("failed", format!("{}: {names}{more}", missing.len())))
+}
+
+/// The input of nodes that rest on one table alone.
+pub struct Single {
+    /// The table.
+    pub similarity: Arc<Similarity>,
+}
+
+impl Inputs for Single {
+    const PORTS: &'static [Port] = &[Port::one::<Similarity>("similarity", "how alike queries and targets are")];
+    fn take(from: &mut PortValues) -> Result<Self, NodeError> {
+        Ok(Self { similarity: from.one("similarity")? })
+    }
 }
 
 impl Artefact for Similarity {

@@ -30,7 +30,7 @@ use std::fmt;
 pub trait Hooks: Sync {
     /// Called with the share of the work done, in \[0, 1\], not decreasing.
     fn progress(&self, _fraction: f64) {}
-    /// Polled at least once per Lanczos block; once true, the computation ends with [`EigenError::Cancelled`].
+    /// Polled before each phase, so several times per Lanczos block; once true, the computation ends with [`EigenError::Cancelled`].
     fn cancelled(&self) -> bool {
         false
     }
@@ -65,6 +65,15 @@ pub enum Phase {
 
 /// No interest in either.
 impl Hooks for () {}
+
+/// Begins a phase, unless the computation was cancelled.
+fn enter(hooks: &dyn Hooks, phase: Phase) -> Result<(), EigenError> {
+    if hooks.cancelled() {
+        return Err(EigenError::Cancelled);
+    }
+    hooks.phase(phase);
+    Ok(())
+}
 
 /// How the eigensolver works; the defaults suit meshes of 10 to 200,000 vertices.
 #[derive(Clone, Debug, PartialEq)]

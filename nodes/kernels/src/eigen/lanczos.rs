@@ -10,7 +10,7 @@ use super::packed::Packed;
 use super::panel::{Block, Row, WIDTH, ZERO, cholesky, inverse, norm, product, subtract, symmetrised, transposed};
 use super::reach::{Chosen, Reach, Ritz, Verdict};
 use super::vectors::Store;
-use super::{EigenError, Hooks, Phase};
+use super::{EigenError, Hooks, Phase, enter};
 use crate::random::Random;
 use faer::Mat;
 
@@ -82,9 +82,6 @@ pub(super) fn lanczos(run: &Run<'_>, hooks: &dyn Hooks, step: &dyn Fn()) -> Resu
     let limit = (run.n - run.null.count) / WIDTH;
     let mut stalled = 0;
     loop {
-        if hooks.cancelled() {
-            return Err(EigenError::Cancelled);
-        }
         let blocks = krylov.recurrence.diagonal.len();
         if blocks >= limit {
             return Err(EigenError::Exhausted);
@@ -94,11 +91,11 @@ pub(super) fn lanczos(run: &Run<'_>, hooks: &dyn Hooks, step: &dyn Fn()) -> Resu
         if krylov.recurrence.diagonal.len() < krylov.next_check {
             continue;
         }
-        hooks.phase(Phase::Projected);
+        enter(hooks, Phase::Projected)?;
         let (projected, verdict) = krylov.judge()?;
         match verdict {
             Verdict::Done(chosen) if krylov.dropped.len() >= run.restarts => {
-                hooks.phase(Phase::Vectors);
+                enter(hooks, Phase::Vectors)?;
                 return krylov.found(&projected, &chosen);
             }
             Verdict::Done(_) | Verdict::Short => krylov.extend(true, hooks)?,
@@ -147,9 +144,9 @@ impl<'a> Krylov<'a> {
     /// block does, if that is wanted or nothing is left.
     fn extend(&mut self, fresh: bool, hooks: &dyn Hooks) -> Result<(), EigenError> {
         let last = self.basis.count() - 1;
-        hooks.phase(Phase::Solve);
+        enter(hooks, Phase::Solve)?;
         self.run.factor.solve(self.basis.work(self.run.n));
-        hooks.phase(Phase::Orthogonalise);
+        enter(hooks, Phase::Orthogonalise)?;
         let before = (last > 0).then(|| transposed(&self.recurrence.below[last - 1]));
         let diagonal = symmetrised(&self.basis.diagonal());
         let near = self.basis.recur(&diagonal, before.as_ref());

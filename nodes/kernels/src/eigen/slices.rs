@@ -7,7 +7,7 @@ use super::lanczos::{Found, Run, expected_blocks, lanczos};
 use super::packed::Packed;
 use super::reach::{Reach, Side};
 use super::vectors::Vectors;
-use super::{EigenError, Hooks, Options, Phase};
+use super::{EigenError, Hooks, Options, Phase, enter};
 use std::f64::consts::PI;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -96,7 +96,7 @@ fn plan(spectrum: &Spectrum<'_>, attempt: Attempt) -> Result<Vec<Slice>, EigenEr
     let mut top = 4.0 * PI * aim.max(1.0) * nudge;
     let mut tries = 0;
     let (factor, below) = loop {
-        spectrum.hooks.phase(Phase::Factorise);
+        enter(spectrum.hooks, Phase::Factorise)?;
         let factor = spectrum.factorizer.factor(top)?;
         let below = factor.negative().saturating_sub(spectrum.null.count) as f64;
         if (below - aim).abs() <= (OFF * share).max(4.0) || tries == 4 {
@@ -132,7 +132,7 @@ fn run_slice(
     let factor = if let Some(factor) = at_hand {
         factor
     } else {
-        spectrum.hooks.phase(Phase::Factorise);
+        enter(spectrum.hooks, Phase::Factorise)?;
         spectrum.factorizer.factor(slice.shift)?
     };
     let own = factor.negative().saturating_sub(spectrum.null.count);
@@ -180,7 +180,7 @@ fn join(spectrum: &Spectrum<'_>, found: Vec<Found>) -> Result<Union, EigenError>
         }
         from = slice.cut;
     }
-    spectrum.hooks.phase(Phase::Count);
+    enter(spectrum.hooks, Phase::Count)?;
     let expected = spectrum.factorizer.count_below(cut, gap)?;
     Ok(Union { vectors: Vectors::new(stores, index), cut, expected, last: false })
 }

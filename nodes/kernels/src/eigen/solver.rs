@@ -10,7 +10,7 @@ use super::panel::WIDTH;
 use super::problem::Problem;
 use super::slices::{Attempt, Spectrum, Union, union};
 use super::vectors::{Store, Vectors};
-use super::{Certificate, EigenError, Eigenpairs, Hooks, Method, Options, Phase};
+use super::{Certificate, EigenError, Eigenpairs, Hooks, Method, Options, Phase, enter};
 use std::f64::consts::PI;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -30,10 +30,7 @@ pub(crate) fn solve(
     check(problem, k, options)?;
     let hooks = &Forward { hooks, reached: AtomicU64::new(0) };
     hooks.progress(0.0);
-    if hooks.cancelled() {
-        return Err(EigenError::Cancelled);
-    }
-    hooks.phase(Phase::Order);
+    enter(hooks, Phase::Order)?;
     let factorizer = Factorizer::new(problem)?;
     let order = factorizer.order();
     let null = problem.null(&order);
@@ -141,7 +138,7 @@ impl Solver<'_> {
     fn dense(&self) -> Result<Union, EigenError> {
         let (n, wanted) = (self.problem.n(), self.wanted());
         let available = n - self.null.count;
-        self.hooks.phase(Phase::Projected);
+        enter(self.hooks, Phase::Projected)?;
         let (mut values, vectors) = symmetric_eigen(lifted(self.problem).as_ref())?;
         values.truncate(available);
         let cut = place_cut(&values, wanted, available).ok_or(UNCERTIFIED)?;
@@ -173,10 +170,7 @@ impl Solver<'_> {
         let Union { mut vectors, cut, expected, last } = union;
         let found = self.null.count + vectors.len();
         let columns = Columns { problem: self.problem, null: self.null, order: self.order, hooks: self.hooks };
-        if self.hooks.cancelled() {
-            return Err(EigenError::Cancelled);
-        }
-        self.hooks.phase(Phase::Certify);
+        enter(self.hooks, Phase::Certify)?;
         let orthogonality = columns.orthogonalise(&mut vectors)?;
         let findings = columns.examine(&mut vectors, self.wanted(), self.options.tolerance)?;
         let uncertified = EigenError::NotCertified { expected, found, residual: findings.residual };
@@ -229,7 +223,7 @@ impl Solver<'_> {
         }
         let mut values = vec![0.0; null];
         values.extend(positive[..k - null].iter().map(|x| x / problem.area));
-        self.hooks.phase(Phase::Vectors);
+        enter(self.hooks, Phase::Vectors)?;
         columns.write(found, &mut vectors[null * n..])?;
         Ok(Eigenpairs { values, vectors, n, certificate })
     }
