@@ -4,8 +4,6 @@
 //! w(i, j) = exp(-d(i, j)² / s_i s_j), s_i the mean distance to the neighbours of i; with D its degrees, and P = D^-1/2 W D^-1/2, the result is
 //! (1 - alpha) (I - alpha P)^-1. It looks at no label, but at the whole database: a shape's rank depends on what else there is.
 
-use std::sync::Arc;
-
 use salient_sdk::{Context, Node, NodeError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::similarity::{Similarity, Single, missing_line};
+use crate::similarity::{Single, missing_line};
 
 /// Params of [`Rank`].
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
