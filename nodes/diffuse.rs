@@ -148,6 +148,8 @@ impl Graph {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use salient_sdk::testing::TestHost;
 
     use super::*;
@@ -168,7 +170,8 @@ mod tests {
         let graph = Graph::new(&line, 2);
         let alpha = 0.9;
         let similarity = Arc::new(line);
-        let spread = TestHost::default().run::<Diffuse>(&Params { neighbours: 2, alpha }, In { similarity }).unwrap();
+        let spread =
+            TestHost::default().run::<Diffuse>(&Params { neighbours: 2, alpha }, Single { similarity }).unwrap();
         assert_eq!(spread.missing, ["z"]);
         for i in 0..5 {
             for k in 0..5 {
