@@ -81,8 +81,10 @@ function showLegend(range) {
         : `objective ${number(set.objective)}`;
       return element("p", { class: "certificate" }, scene.sides.length > 1 ? `${scene.sides[side].name}: ` : "", about, element("span", {}, ` ${proof}`));
     });
-    parts.push(...(lines.length > 4 ? lines.slice(0, 4) : lines));
+    parts.push(...lines.slice(0, 4));
+    if (lines.length > 4) parts.push(element("p", { class: "certificate" }, `and ${lines.length - 4} more pairs of shapes`));
   }
+  if (view?.left) parts.push(element("p", { class: "certificate" }, `${panels.length} shapes are shown, ${view.left} more are not: choose another view`));
   const byFrequency = panels.some((panel) => panel.marks?.length) && (view?.kind !== "pairs" || pairColour(view) === "frequency");
   if (byFrequency) {
     const [low, high] = frequencyRange();
