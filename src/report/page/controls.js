@@ -64,7 +64,7 @@ function bar(map, low, centre, high, title) {
 }
 
 function showLegend(range) {
-  const view = currentView(), parts = [];
+  const view = currentView(), parts = [], under = [];
   if (range) {
     const { low, high, signed, name, unit } = range;
     parts.push(bar(signed ? DIVERGING : UNIFORM, number(low), signed ? "0" : number((low + high) / 2), number(high), `${name}, ${unit}`));
@@ -81,14 +81,14 @@ function showLegend(range) {
         : `objective ${number(set.objective)}`;
       return element("p", { class: "certificate" }, scene.sides.length > 1 ? `${scene.sides[side].name}: ` : "", about, element("span", {}, ` ${proof}`));
     });
-    parts.push(...lines.slice(0, 4));
-    if (lines.length > 4) parts.push(element("p", { class: "certificate" }, `and ${lines.length - 4} more pairs of shapes`));
+    (lines.length > 1 ? under : parts).push(...lines);
   }
-  if (view?.left) parts.push(element("p", { class: "certificate" }, `${panels.length} shapes are shown, ${view.left} more are not: choose another view`));
+  if (view?.left) under.push(element("p", { class: "certificate" }, `${panels.length} shapes are shown, ${view.left} more are not: choose another view`));
   const byFrequency = panels.some((panel) => panel.marks?.length) && (view?.kind !== "pairs" || pairColour(view) === "frequency");
   if (byFrequency) {
     const [low, high] = frequencyRange();
     parts.push(bar(FREQUENCY, number(low), "", number(high), "features by λ, 1/length² (size: scale)"));
   }
   byId("legend").replaceChildren(...parts);
+  byId("tally").replaceChildren(...under);
 }
