@@ -1,13 +1,11 @@
 //! `shape_dna`: the first eigenvalues of a shape (Reuter, Wolter & Peinecke 2006), as logarithms free of its size.
 
-use std::sync::Arc;
-
-use salient_sdk::{Context, Inputs, Node, NodeError, Port, PortValues};
+use salient_sdk::{Context, Node, NodeError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::eigensolve::Eigenpairs;
-use crate::signature::Signature;
+use crate::signature::{Signature, Spectral};
 
 /// Params of [`ShapeDna`].
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -24,20 +22,8 @@ impl Default for Params {
     }
 }
 
-/// Eigenpairs of a shape.
-pub struct In {
-    pub(crate) basis: Arc<Eigenpairs>,
-}
-
-impl Inputs for In {
-    const PORTS: &'static [Port] = &[Port::one::<Eigenpairs>("basis", "eigenpairs of the shape's Laplacian")];
-    fn take(from: &mut PortValues) -> Result<Self, NodeError> {
-        Ok(Self { basis: from.one("basis")? })
-    }
-}
-
 /// The first eigenvalues above zero times the area, which have no unit.
-pub(crate) fn free_of_size(basis: &Eigenpairs, count: usize) -> Result<Vec<f64>, NodeError> {
+fn free_of_size(basis: &Eigenpairs, count: usize) -> Result<Vec<f64>, NodeError> {
     let area: f64 = basis.mass.iter().sum();
     let values: Vec<f64> = basis.values.iter().filter(|x| **x > 0.0).take(count).map(|x| x * area).collect();
     if values.len() == count {
@@ -62,10 +48,10 @@ impl Node for ShapeDna {
         "dna":       shape_dna(basis: "basis"),
     "#;
     type Params = Params;
-    type Inputs = In;
+    type Inputs = Spectral;
     type Output = Signature;
 
-    fn run(params: &Params, In { basis }: In, cx: Context) -> Result<Signature, NodeError> {
+    fn run(params: &Params, Spectral { basis }: Spectral, cx: Context) -> Result<Signature, NodeError> {
         cx.check()?;
         let values = free_of_size(&basis, params.values as usize)?;
         Ok(Signature { kind: "ShapeDNA".into(), values: values.into_iter().map(f64::ln).collect() })

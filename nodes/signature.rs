@@ -1,8 +1,25 @@
 //! One vector that stands for a whole shape. Not a node: made by `shape_dna`, `heat_signature`, `wave_signature` and others, and compared by
 //! `signature_similarity`.
 
-use salient_sdk::{Artefact, Decoder, Encoder, FormatError, Table};
+use std::sync::Arc;
+
+use salient_sdk::{Artefact, Decoder, Encoder, FormatError, Inputs, NodeError, Port, PortValues, Table};
 use serde_json::{Value, json};
+
+use crate::eigensolve::Eigenpairs;
+
+/// The input of the nodes whose signatures rest on eigenpairs alone.
+pub struct Spectral {
+    /// Eigenpairs of the shape's Laplacian.
+    pub basis: Arc<Eigenpairs>,
+}
+
+impl Inputs for Spectral {
+    const PORTS: &'static [Port] = &[Port::one::<Eigenpairs>("basis", "eigenpairs of the shape's Laplacian")];
+    fn take(from: &mut PortValues) -> Result<Self, NodeError> {
+        Ok(Self { basis: from.one("basis")? })
+    }
+}
 
 /// A vector that stands for a shape.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,14 +5,12 @@
 //! that size does not matter. Over a shape, each is described by its quantiles by area, or by its mean; the logarithm is taken first.
 //! The mean of either depends on the eigenvalues alone.
 
-use std::sync::Arc;
-
-use salient_sdk::{Context, Inputs, Node, NodeError, Port, PortValues};
+use salient_sdk::{Context, Node, NodeError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::eigensolve::Eigenpairs;
-use crate::signature::Signature;
+use crate::signature::{Signature, Spectral};
 
 /// How values over a shape become a few.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -40,18 +38,6 @@ impl Default for Params {
     }
 }
 
-/// Eigenpairs of a shape.
-pub struct In {
-    basis: Arc<Eigenpairs>,
-}
-
-impl Inputs for In {
-    const PORTS: &'static [Port] = &[Port::one::<Eigenpairs>("basis", "eigenpairs of the shape's Laplacian")];
-    fn take(from: &mut PortValues) -> Result<Self, NodeError> {
-        Ok(Self { basis: from.one("basis")? })
-    }
-}
-
 const QUANTILES: [f64; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
 /// Times over the area: from what 100 eigenpairs resolve to where little but the constant is left.
 const TIMES: [f64; 2] = [0.006, 0.6];
@@ -74,10 +60,10 @@ impl Node for HeatSignature {
         "signature": heat_signature(basis: "basis"),
     "#;
     type Params = Params;
-    type Inputs = In;
+    type Inputs = Spectral;
     type Output = Signature;
 
-    fn run(params: &Params, In { basis }: In, cx: Context) -> Result<Signature, NodeError> {
+    fn run(params: &Params, Spectral { basis }: Spectral, cx: Context) -> Result<Signature, NodeError> {
         let [from, to] = TIMES.map(f64::ln);
         let weights = |lambda: f64, step: f64| (-lambda * (from + step * (to - from)).exp()).exp();
         // The constant eigenfunction is left out: it is the same for all.
@@ -99,10 +85,10 @@ impl Node for WaveSignature {
         "signature": wave_signature(basis: "basis"),
     "#;
     type Params = Params;
-    type Inputs = In;
+    type Inputs = Spectral;
     type Output = Signature;
 
-    fn run(params: &Params, In { basis }: In, cx: Context) -> Result<Signature, NodeError> {
+    fn run(params: &Params, Spectral { basis }: Spectral, cx: Context) -> Result<Signature, NodeError> {
         let [from, to] = ENERGIES;
         let sigma = WIDTH * (to - from) / f64::from(params.steps - 1);
         let weights = |lambda: f64, step: f64| {

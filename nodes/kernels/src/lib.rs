@@ -13,6 +13,7 @@ pub mod patch_spectrum;
 pub mod random;
 pub mod retrieval;
 pub mod signature;
+mod simd;
 pub mod simplify;
 pub mod sparse;
 pub mod stop;

@@ -46,6 +46,18 @@ impl Random {
         2.0 * self.unit() - 1.0
     }
 
+    /// A turn (unit quaternion, evenly distributed) and an offset in [0, 1) along each axis.
+    pub fn frame(&mut self) -> ([f64; 4], [f64; 3]) {
+        let offset = [self.unit(), self.unit(), self.unit()];
+        loop {
+            let q = [self.signed(), self.signed(), self.signed(), self.signed()];
+            let length2 = q.iter().map(|x| x * x).sum::<f64>();
+            if (0.01..=1.0).contains(&length2) {
+                return (q.map(|x| x / length2.sqrt()), offset);
+            }
+        }
+    }
+
     /// A random order of 0..n (Fisher-Yates).
     pub fn permutation(&mut self, n: usize) -> Vec<u32> {
         let mut order: Vec<u32> = (0..n as u32).collect();

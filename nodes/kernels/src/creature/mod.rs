@@ -105,7 +105,7 @@ pub fn generate_until(params: &CreatureParams, stop: Stop) -> Result<Creature, C
     let motions = surface.skeleton.pose(params.pose);
     let mut random =
         Random::new(&[params.seed, params.species as u64, u64::from(params.pose), params.triangulation, 3]);
-    let frame = RestSurface::grid_frame(&mut random);
+    let frame = random.frame();
     // Cells about as long as the edges to come, but no longer than the thinnest limb needs.
     let spacing = 2.0 / (params.vertices as f64).sqrt();
     let cell = spacing.min(1.1 * surface.thinnest());

@@ -5,7 +5,6 @@
 
 use super::skeleton::{Bone, Skeleton, Species};
 use super::skin::Motion;
-use crate::random::Random;
 use crate::vec3::{add, dot, scale, sub};
 
 /// Bones farther than this (in their radii) do not move a point.
@@ -169,17 +168,5 @@ impl RestSurface {
             thickness += weight * view.radius;
         }
         (Motion::blend(motions, &weights).apply(p), thickness / sum.max(f64::MIN_POSITIVE))
-    }
-
-    /// A random rotation (unit quaternion) and offset of a grid.
-    pub(super) fn grid_frame(random: &mut Random) -> ([f64; 4], [f64; 3]) {
-        let offset = [random.unit(), random.unit(), random.unit()];
-        loop {
-            let q = [random.signed(), random.signed(), random.signed(), random.signed()];
-            let length2 = q.iter().map(|x| x * x).sum::<f64>();
-            if (0.01..=1.0).contains(&length2) {
-                return (q.map(|x| x / length2.sqrt()), offset);
-            }
-        }
     }
 }

@@ -5,10 +5,11 @@
 
 use super::EigenError;
 use super::panel::{
-    Block, Row, Rows, Simd, WIDTH, ZERO, add_gram, multiply_right, norm, product, subtract_multiple, subtract_product,
+    Block, Row, Rows, WIDTH, ZERO, add_gram, multiply_right, norm, product, subtract_multiple, subtract_product,
 };
 use super::vectors::Store;
 use crate::random::Random;
+use crate::simd::vectorised;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use std::sync::{Mutex, PoisonError};
@@ -98,7 +99,6 @@ pub(super) struct Basis<'a> {
     signs: Random,
     null: &'a Null,
     pool: &'a Pool,
-    simd: Simd,
 }
 
 impl Drop for Basis<'_> {
@@ -119,6 +119,10 @@ pub(super) struct Near {
 }
 
 impl Near {
+    fn none(null: &Null) -> Self {
+        Self { last: [ZERO; 2], null: vec![[0.0; WIDTH]; null.count], sketch: ZERO, gram: ZERO }
+    }
+
     #[inline(always)]
     fn add(&mut self, run: usize, w: &[Row; RUN], newest: &[&Panel], sketch: &[Row; RUN], null: &Null) {
         null.add_product(run, w, &mut self.null);
@@ -143,6 +147,18 @@ fn runs_mut(rows: &mut Rows) -> &mut Panel {
     rows.as_mut_slice().as_chunks_mut().0
 }
 
+/// The panels in use.
+fn panels(chunks: &[Rows], runs: usize, count: usize) -> Vec<&Panel> {
+    chunks.iter().flat_map(|chunk| self::runs(chunk).chunks_exact(runs)).take(count).collect()
+}
+
+/// The last two of them, the last one first.
+fn newest(chunks: &[Rows], runs: usize, count: usize) -> Vec<&Panel> {
+    let mut newest = panels(chunks, runs, count).split_off(count.saturating_sub(2));
+    newest.reverse();
+    newest
+}
+
 /// The panels in use, and the last of them apart.
 fn split(chunks: &mut [Rows], runs: usize, count: usize) -> Option<(Vec<&Panel>, &mut Panel)> {
     let all = chunks.iter_mut().flat_map(|chunk| runs_mut(chunk).chunks_exact_mut(runs));
@@ -161,7 +177,6 @@ impl<'a> Basis<'a> {
             signs: Random::from_state(SIGNS),
             null,
             pool,
-            simd: Simd::new(),
         })
     }
 
@@ -176,14 +191,14 @@ impl<'a> Basis<'a> {
 
     /// The panels in use.
     fn panels(&self) -> Vec<&Panel> {
-        self.chunks.iter().flat_map(|chunk| runs(chunk).chunks_exact(self.pool.runs)).take(self.count).collect()
+        panels(&self.chunks, self.pool.runs, self.count)
     }
 
     /// V_j' w for the last panel j.
     pub fn diagonal(&self) -> Block {
         let mut diagonal = ZERO;
         let panels = self.panels();
-        self.simd.run(
+        vectorised(
             #[inline(always)]
             || {
                 for (v, w) in panels[self.count - 1].iter().zip(runs(&self.work)) {
@@ -199,13 +214,10 @@ impl<'a> Basis<'a> {
         let share = 1.0 / (WIDTH as f64).sqrt();
         let mut sign = || if self.signs.signed() < 0.0 { share } else { -share };
         let signs: Block = std::array::from_fn(|_| std::array::from_fn(|_| sign()));
-        let runs = self.pool.runs;
-        let panels = self.chunks.iter().flat_map(|chunk| self::runs(chunk).chunks_exact(runs)).take(self.count);
-        let mut newest = panels.skip(self.count.saturating_sub(2)).collect::<Vec<_>>();
-        newest.reverse();
-        let mut near = Near { last: [ZERO; 2], null: vec![[0.0; WIDTH]; self.null.count], sketch: ZERO, gram: ZERO };
+        let newest = newest(&self.chunks, self.pool.runs, self.count);
+        let mut near = Near::none(self.null);
         let (work, sketch) = (runs_mut(&mut self.work), runs_mut(&mut self.sketch));
-        self.simd.run(
+        vectorised(
             #[inline(always)]
             || {
                 for (run, (w, sketch)) in work.iter_mut().zip(sketch).enumerate() {
@@ -225,10 +237,9 @@ impl<'a> Basis<'a> {
 
     /// Products with what is nearest.
     pub fn near(&self) -> Near {
-        let mut newest = self.panels().split_off(self.count.saturating_sub(2));
-        newest.reverse();
-        let mut near = Near { last: [ZERO; 2], null: vec![[0.0; WIDTH]; self.null.count], sketch: ZERO, gram: ZERO };
-        self.simd.run(
+        let newest = newest(&self.chunks, self.pool.runs, self.count);
+        let mut near = Near::none(self.null);
+        vectorised(
             #[inline(always)]
             || {
                 for (run, (w, sketch)) in runs(&self.work).iter().zip(runs(&self.sketch)).enumerate() {
@@ -249,7 +260,7 @@ impl<'a> Basis<'a> {
         while begin < older {
             let end = (begin + CHUNK).min(older);
             let (group, sums) = (&panels[begin..end], &mut along.panels[begin..end]);
-            self.simd.run(
+            vectorised(
                 #[inline(always)]
                 || {
                     for (run, w) in runs(&self.work).iter().enumerate() {
@@ -281,7 +292,7 @@ impl<'a> Basis<'a> {
         let mut panels = split(&mut self.chunks, runs, self.count);
         let paired = along.panels.iter().any(|h| norm(&h[0]) > 0.0);
         let work = runs_mut(&mut self.work);
-        self.simd.run(
+        vectorised(
             #[inline(always)]
             || {
                 for (run, w) in work.iter_mut().enumerate() {
@@ -312,7 +323,7 @@ impl<'a> Basis<'a> {
     pub fn multiply(&mut self, h: &Block) -> Block {
         let mut gram = ZERO;
         let work = runs_mut(&mut self.work);
-        self.simd.run(
+        vectorised(
             #[inline(always)]
             || {
                 for w in work {
@@ -332,7 +343,7 @@ impl<'a> Basis<'a> {
         self.count += 1;
         let Some((_, last)) = split(&mut self.chunks, self.pool.runs, self.count) else { return Ok(()) };
         let work = runs_mut(&mut self.work);
-        self.simd.run(
+        vectorised(
             #[inline(always)]
             || {
                 for (w, v) in work.iter_mut().zip(last) {

@@ -2,7 +2,7 @@
 
 use super::basis::Null;
 use super::gauge::fix_sign;
-use super::panel::{Simd, WIDTH};
+use super::panel::WIDTH;
 use super::problem::Problem;
 use super::vectors::Vectors;
 use super::{EigenError, Hooks};
@@ -40,11 +40,10 @@ pub(super) struct Findings {
 impl Columns<'_> {
     /// Computes Rayleigh quotients and residuals, and sorts by the former.
     pub fn examine(&self, vectors: &mut Vectors, wanted: usize, tolerance: f64) -> Result<Findings, EigenError> {
-        let simd = Simd::new();
         let inverse_root: Vec<f64> = self.problem.root.iter().map(|r| 1.0 / r).collect();
         let results = self.map(vectors.len().div_ceil(WIDTH), &|g| {
             let panel = vectors.panel(g * WIDTH, self.order, &inverse_root);
-            self.problem.examine(simd, &panel)
+            self.problem.examine(&panel)
         })?;
         let quality = |j: usize| {
             let (group, q) = (&results[j / WIDTH], j % WIDTH);

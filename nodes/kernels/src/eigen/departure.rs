@@ -5,6 +5,7 @@
 //! those of the projection of B up to rounding, and eigenvectors of T + N, to first order in N, give Ritz vectors that are as orthogonal, and
 //! as accurate, as if every step had been orthogonalised in full.
 
+use super::dense;
 use super::panel::{Block, WIDTH, ZERO, add, product, subtract, transposed};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
@@ -114,12 +115,7 @@ impl Departure {
                 }
             }
         }
-        let times = |a: MatRef<'_, f64>, b: MatRef<'_, f64>| {
-            let mut product = Mat::<f64>::zeros(a.nrows(), b.ncols());
-            matmul(product.as_mut(), Accum::Replace, a, b, 1.0, Par::Seq);
-            product
-        };
-        let mut mixed = times(vectors.transpose(), times(left.as_ref(), right.as_ref()).as_ref());
+        let mut mixed = dense::inner(vectors, dense::product(left.as_ref(), right.as_ref()).as_ref());
         let largest = values.iter().fold(0.0f64, |m, x| m.max(x.abs()));
         for (j, &column) in chosen.iter().enumerate() {
             for i in 0..m {

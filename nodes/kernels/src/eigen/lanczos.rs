@@ -1,4 +1,5 @@
-//! Block Lanczos with full reorthogonalisation on B = (A - sigma I)^-1, for the eigenvalues on both sides of sigma (Grimes, Lewis & Simon 1994).
+//! Block Lanczos on B = (A - sigma I)^-1, for the eigenvalues on both sides of sigma (Grimes, Lewis & Simon 1994), with bases that are kept
+//! semi-orthogonal: a panel is orthogonalised against all others only when its product with a sketch of them is too large.
 //!
 //! Ritz vectors are purified (Ericsson & Ruhe 1980): y + W s / theta, W the next block, is B y / theta without another solve, and the residual of A itself
 //! is then exactly that of B over theta^2.

@@ -1,6 +1,7 @@
 //! A supernodal factor laid out for solves with a whole panel: rows of L contiguous, one pass over L for eight right-hand sides.
 
-use super::panel::{Row, Simd, WIDTH, subtract_multiple};
+use super::panel::{Row, WIDTH, subtract_multiple};
+use crate::simd::vectorised;
 use faer::sparse::linalg::cholesky::supernodal::{SupernodalLdltRef, SymbolicSupernodalCholesky};
 
 /// L and D^-1 of an LDL' factorisation, in elimination order.
@@ -14,7 +15,6 @@ pub(crate) struct Packed {
     /// Per supernode: its unit lower triangle as a full square, then the rows below, row by row.
     values: Vec<f64>,
     inverse_pivots: Vec<f64>,
-    simd: Simd,
 }
 
 impl Packed {
@@ -28,7 +28,6 @@ impl Packed {
             rows: Vec::new(),
             values: Vec::with_capacity(values.len()),
             inverse_pivots: vec![0.0; n],
-            simd: Simd::new(),
         };
         for s in 0..symbolic.n_supernodes() {
             let node = factor.supernode(s);
@@ -59,7 +58,6 @@ impl Packed {
             rows: Vec::with_capacity(rows.len()),
             values: Vec::with_capacity(values.len()),
             inverse_pivots: starts[..n].iter().map(|&start| 1.0 / values[start]).collect(),
-            simd: Simd::new(),
         };
         for column in starts.windows(2) {
             packed.rows.extend(rows[column[0] + 1..column[1]].iter().map(|&r| r as u32));
@@ -82,7 +80,7 @@ impl Packed {
 
     /// x <- (L D L')^-1 x.
     pub fn solve(&self, x: &mut [Row]) {
-        self.simd.run(
+        vectorised(
             #[inline(always)]
             || {
                 let count = self.columns.len() - 1;

@@ -1,7 +1,7 @@
 //! Arithmetic on panels: n x 8 matrices stored row by row, so that one SIMD register (or two) holds a row.
 //!
-//! Functions here are written as plain loops over arrays of eight, which the compiler turns into the widest instructions that [`Simd`]
-//! finds on the processor. The order of every sum is fixed by the code, not by the number of threads.
+//! Functions here are written as plain loops over arrays of eight, which the compiler turns into the widest instructions that
+//! [`vectorised`](crate::simd::vectorised) finds on the processor. The order of every sum is fixed by the code, not by the number of threads.
 
 use bytemuck::{cast_slice, cast_slice_mut};
 use memmap2::MmapMut;
@@ -17,21 +17,6 @@ pub(crate) type Row = [f64; WIDTH];
 pub(crate) type Block = [Row; WIDTH];
 
 pub(crate) const ZERO: Block = [[0.0; WIDTH]; WIDTH];
-
-/// Compiles what runs inside for the instructions of this processor.
-#[derive(Clone, Copy)]
-pub(crate) struct Simd(pulp::Arch);
-
-impl Simd {
-    pub fn new() -> Self {
-        Self(pulp::Arch::new())
-    }
-
-    #[inline(always)]
-    pub fn run<R>(self, work: impl FnOnce() -> R) -> R {
-        self.0.dispatch(work)
-    }
-}
 
 /// Zeroed rows, aligned to pages. No huge pages: where a guest's free memory goes back to its host they took up to 6 ms per MB, small ones
 /// 0.6, and passes are no faster.

@@ -2,7 +2,8 @@
 
 use super::EigenError;
 use super::basis::Null;
-use super::panel::{Row, Simd, WIDTH};
+use super::panel::{Row, WIDTH};
+use crate::simd::vectorised;
 use crate::sparse::SymmetricCsr;
 use faer::MatMut;
 use faer::prelude::Reborrow;
@@ -96,8 +97,8 @@ impl<'a> Problem<'a> {
     }
 
     /// How good eight approximate eigenvectors v = R^-1 y of unit norm in y are.
-    pub(super) fn examine(&self, simd: Simd, v: &[Row]) -> Quality {
-        simd.run(
+    pub(super) fn examine(&self, v: &[Row]) -> Quality {
+        vectorised(
             #[inline(always)]
             || {
                 let values = self.rayleigh_quotients(v);

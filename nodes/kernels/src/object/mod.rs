@@ -96,7 +96,7 @@ pub fn generate_until(family: &str, seed: u64, vertices: usize, stop: Stop) -> R
     let (low, high) = body.bounds();
     // So fine a grid that decimation has something to choose from.
     let rough = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max) / 24.0;
-    let frame = frame(&mut random);
+    let frame = random.frame();
     let coarse = mesh(&body, rough, frame, stop);
     go_on()?;
     let area = topology::surface_area(&coarse.0, &coarse.1).map_err(ObjectError::Mesh)?;
@@ -111,7 +111,7 @@ pub fn generate_until(family: &str, seed: u64, vertices: usize, stop: Stop) -> R
     let whole = topology::largest_component(&points, &faces).map_err(ObjectError::Mesh)?;
     let small = simplify_until(&whole.vertices, &whole.faces, vertices, stop).map_err(ObjectError::Mesh)?;
     go_on()?;
-    let (turn, size) = (self::frame(&mut random).0, 0.5 + 2.0 * random.unit());
+    let (turn, size) = (random.frame().0, 0.5 + 2.0 * random.unit());
     let placed = small.vertices.iter().map(|p| rotate(turn, p.map(|x| size * x)));
     // Vertices in no particular order.
     let order = random.permutation(small.vertices.len());
@@ -148,18 +148,6 @@ type Raw = (Vec<[f64; 3]>, Vec<[u32; 3]>);
 
 fn mesh(body: &Body, cell: f64, frame: ([f64; 4], [f64; 3]), stop: Stop) -> Raw {
     march(|p| body.level(p), |p, r| body.level(p) > 1.5 * r + body.blend, body.bounds(), cell, frame, stop)
-}
-
-/// A random turn and offset.
-fn frame(random: &mut Random) -> ([f64; 4], [f64; 3]) {
-    let offset = [random.unit(), random.unit(), random.unit()];
-    loop {
-        let q = [random.signed(), random.signed(), random.signed(), random.signed()];
-        let length2 = q.iter().map(|x| x * x).sum::<f64>();
-        if (0.01..=1.0).contains(&length2) {
-            return (q.map(|x| x / length2.sqrt()), offset);
-        }
-    }
 }
 
 /// A number between two.

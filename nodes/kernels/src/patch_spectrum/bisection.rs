@@ -3,7 +3,7 @@
 //! One pass over a matrix counts the eigenvalues below many numbers at once, a number to a lane (Sturm's sequences, by the pivots of T - x I).
 //! Only what is wanted is computed, no step waits for the one before but within a lane, and multiplicity does not matter.
 
-use super::panel::vectorised;
+use crate::simd::vectorised;
 
 const LANES: usize = 8;
 /// Vectors of lanes that go through a matrix together, so that divisions overlap.

@@ -1,7 +1,8 @@
 //! LDL' factorisations of A - shift I, and panel solves with both problems at once.
 
-use super::panel::{Row, add_multiple, vectorised};
+use super::panel::{Row, add_multiple};
 use super::problem::Doubled;
+use crate::simd::vectorised;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
 use faer::sparse::linalg::cholesky::supernodal::SupernodalLdltRef;

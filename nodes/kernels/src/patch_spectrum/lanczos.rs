@@ -3,10 +3,11 @@
 //! Both share the factorisation, so one pass over it advances both. Bases are reorthogonalised in full; they stay in cache.
 
 use super::factor::Packed;
-use super::panel::{Block, Row, add_multiple, inner, multiply, subtract, vectorised};
+use super::panel::{Block, Row, add_multiple, inner, multiply, subtract};
 use super::problem::Doubled;
 use super::tridiagonal;
 use crate::random::Random;
+use crate::simd::vectorised;
 
 /// A column that orthogonalisation shrinks by this factor is rounding error: the space is exhausted.
 const EXHAUSTED: f64 = 1e-12;

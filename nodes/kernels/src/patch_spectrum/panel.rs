@@ -3,26 +3,12 @@
 //! The lanes are split among the problems that run side by side, B to each. What is computed between two panels is computed within
 //! each problem only: coefficients are stored as `[[f64; L]; B]`, entry (i, l) between vector i and lane l of lane l's problem.
 
-use pulp::{Arch, Simd, WithSimd};
+use crate::simd::vectorised;
 
 /// One row of a panel.
 pub(super) type Row<const L: usize> = [f64; L];
 /// Coefficients between two panels.
 pub(super) type Block<const L: usize, const B: usize> = [[f64; L]; B];
-
-/// Runs `f` compiled for the vector instructions that this processor has. What `f` calls must be inlined into it.
-#[inline(always)]
-pub(super) fn vectorised<F: FnOnce() -> T, T>(f: F) -> T {
-    struct Run<F>(F);
-    impl<F: FnOnce() -> T, T> WithSimd for Run<F> {
-        type Output = T;
-        #[inline(always)]
-        fn with_simd<S: Simd>(self, _: S) -> T {
-            (self.0)()
-        }
-    }
-    Arch::new().dispatch(Run(f))
-}
 
 /// Vector i of every problem, in all lanes of that problem.
 #[inline(always)]

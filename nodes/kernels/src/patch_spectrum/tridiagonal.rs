@@ -1,7 +1,7 @@
 //! Eigenvalues of small dense symmetric matrices, with chosen rows of the matrix of eigenvectors: Householder's reduction to
 //! tridiagonal form and the implicit QL iteration.
 
-use super::panel::vectorised;
+use crate::simd::vectorised;
 
 /// Iterations per eigenvalue; two are usual.
 const MAX_ITERATIONS: usize = 60;
