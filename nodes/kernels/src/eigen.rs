@@ -15,6 +15,7 @@ mod gauge;
 mod lanczos;
 mod packed;
 mod panel;
+mod pool;
 mod problem;
 mod reach;
 mod slices;

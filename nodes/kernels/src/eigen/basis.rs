@@ -7,15 +7,14 @@ use super::EigenError;
 use super::panel::{
     Block, Row, Rows, WIDTH, ZERO, add_gram, multiply_right, norm, product, subtract_multiple, subtract_product,
 };
-use super::vectors::Store;
+use super::pool::{Panel, Panels, Pool, RUN, runs, runs_mut};
 use crate::random::Random;
 use crate::simd::vectorised;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
-use std::sync::{Mutex, PoisonError};
 
-/// Vertices per run: a panel of it is 16 KiB, a third of a first-level cache.
-pub(super) const RUN: usize = 256;
+/// Panels that are looked at together.
+const GROUP: usize = 8;
 
 /// Seed of the sketch.
 const SIGNS: u64 = 0x5167;
@@ -41,7 +40,7 @@ impl Null {
 
     /// Adds the products with w.
     #[inline(always)]
-    fn add_product(&self, run: usize, w: &[Row], sums: &mut [Row]) {
+    pub(super) fn add_product(&self, run: usize, w: &[Row], sums: &mut [Row]) {
         for ((&label, &unit), y) in self.rows(run).zip(w) {
             let sum = &mut sums[label as usize];
             for q in 0..WIDTH {
@@ -59,38 +58,9 @@ impl Null {
     }
 }
 
-/// Panels that are allocated together.
-const CHUNK: usize = 8;
-
-/// Memory of bases that are done with, for those to come: fresh pages are dear.
-pub(super) struct Pool {
-    runs: usize,
-    free: Mutex<Vec<Rows>>,
-}
-
-impl Pool {
-    pub fn new(n: usize) -> Self {
-        Self { runs: n.div_ceil(RUN), free: Mutex::new(Vec::new()) }
-    }
-
-    fn take(&self) -> Result<Rows, EigenError> {
-        let free = self.free.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        free.map_or_else(|| self.panels(CHUNK), Ok)
-    }
-
-    /// New zeroed panels.
-    fn panels(&self, count: usize) -> Result<Rows, EigenError> {
-        Rows::zeroed(count * self.runs * RUN).map_err(|_| EigenError::Memory)
-    }
-}
-
-/// A panel in runs.
-type Panel = [[Row; RUN]];
-
 /// Orthonormal panels, orthogonal to the null vectors, and the one that will be the next.
 pub(super) struct Basis<'a> {
-    chunks: Vec<Rows>,
-    count: usize,
+    panels: Panels<'a>,
     /// The panel worked on: whole runs, zeros at the end.
     work: Rows,
     /// The sum of all panels but the last two, each times a block of random signs over sqrt(8): its product with a panel is as large as
@@ -98,13 +68,6 @@ pub(super) struct Basis<'a> {
     sketch: Rows,
     signs: Random,
     null: &'a Null,
-    pool: &'a Pool,
-}
-
-impl Drop for Basis<'_> {
-    fn drop(&mut self) {
-        self.pool.free.lock().unwrap_or_else(PoisonError::into_inner).append(&mut self.chunks);
-    }
 }
 
 /// Products of the working panel w with what is nearest to it.
@@ -139,49 +102,19 @@ pub(super) struct Along {
     pub panels: Vec<[Block; 2]>,
 }
 
-fn runs(rows: &Rows) -> &Panel {
-    rows.as_slice().as_chunks().0
-}
-
-fn runs_mut(rows: &mut Rows) -> &mut Panel {
-    rows.as_mut_slice().as_chunks_mut().0
-}
-
-/// The panels in use.
-fn panels(chunks: &[Rows], runs: usize, count: usize) -> Vec<&Panel> {
-    chunks.iter().flat_map(|chunk| self::runs(chunk).chunks_exact(runs)).take(count).collect()
-}
-
-/// The last two of them, the last one first.
-fn newest(chunks: &[Rows], runs: usize, count: usize) -> Vec<&Panel> {
-    let mut newest = panels(chunks, runs, count).split_off(count.saturating_sub(2));
-    newest.reverse();
-    newest
-}
-
-/// The panels in use, and the last of them apart.
-fn split(chunks: &mut [Rows], runs: usize, count: usize) -> Option<(Vec<&Panel>, &mut Panel)> {
-    let all = chunks.iter_mut().flat_map(|chunk| runs_mut(chunk).chunks_exact_mut(runs));
-    let mut all: Vec<&mut Panel> = all.take(count).collect();
-    let last = all.pop()?;
-    Some((all.into_iter().map(|panel| &*panel).collect(), last))
-}
-
 impl<'a> Basis<'a> {
     pub fn new(pool: &'a Pool, null: &'a Null) -> Result<Self, EigenError> {
         Ok(Self {
-            chunks: Vec::new(),
-            count: 0,
+            panels: Panels::new(pool),
             work: pool.panels(1)?,
             sketch: pool.panels(1)?,
             signs: Random::from_state(SIGNS),
             null,
-            pool,
         })
     }
 
     pub fn count(&self) -> usize {
-        self.count
+        self.panels.count()
     }
 
     /// The first rows of the panel worked on.
@@ -189,19 +122,14 @@ impl<'a> Basis<'a> {
         &mut self.work.as_mut_slice()[..rows]
     }
 
-    /// The panels in use.
-    fn panels(&self) -> Vec<&Panel> {
-        panels(&self.chunks, self.pool.runs, self.count)
-    }
-
     /// V_j' w for the last panel j.
     pub fn diagonal(&self) -> Block {
         let mut diagonal = ZERO;
-        let panels = self.panels();
+        let newest = self.panels.newest();
         vectorised(
             #[inline(always)]
             || {
-                for (v, w) in panels[self.count - 1].iter().zip(runs(&self.work)) {
+                for (v, w) in newest[0].iter().zip(runs(&self.work)) {
                     add_gram(&mut diagonal, v, w);
                 }
             },
@@ -214,7 +142,7 @@ impl<'a> Basis<'a> {
         let share = 1.0 / (WIDTH as f64).sqrt();
         let mut sign = || if self.signs.signed() < 0.0 { share } else { -share };
         let signs: Block = std::array::from_fn(|_| std::array::from_fn(|_| sign()));
-        let newest = newest(&self.chunks, self.pool.runs, self.count);
+        let newest = self.panels.newest();
         let mut near = Near::none(self.null);
         let (work, sketch) = (runs_mut(&mut self.work), runs_mut(&mut self.sketch));
         vectorised(
@@ -237,7 +165,7 @@ impl<'a> Basis<'a> {
 
     /// Products with what is nearest.
     pub fn near(&self) -> Near {
-        let newest = newest(&self.chunks, self.pool.runs, self.count);
+        let newest = self.panels.newest();
         let mut near = Near::none(self.null);
         vectorised(
             #[inline(always)]
@@ -253,12 +181,12 @@ impl<'a> Basis<'a> {
     /// Products with the panels before the last two: of w, and of the last panel if `paired`. All of them, or with `scale`, the R^-1 of w, up to where they
     /// are negligible: products grow along converged Ritz vectors, which live in the first panels.
     pub fn along(&self, paired: bool, scale: Option<&Block>) -> Along {
-        let panels = self.panels();
-        let older = self.count.saturating_sub(2);
+        let panels = self.panels.all();
+        let older = panels.len().saturating_sub(2);
         let mut along = Along { panels: vec![[ZERO; 2]; older] };
         let mut begin = 0;
         while begin < older {
-            let end = (begin + CHUNK).min(older);
+            let end = (begin + GROUP).min(older);
             let (group, sums) = (&panels[begin..end], &mut along.panels[begin..end]);
             vectorised(
                 #[inline(always)]
@@ -266,7 +194,7 @@ impl<'a> Basis<'a> {
                     for (run, w) in runs(&self.work).iter().enumerate() {
                         for (h, panel) in sums.iter_mut().zip(group) {
                             if paired {
-                                add_gram(&mut h[0], &panel[run], &panels[self.count - 1][run]);
+                                add_gram(&mut h[0], &panel[run], &panels[older + 1][run]);
                             }
                             add_gram(&mut h[1], &panel[run], w);
                         }
@@ -288,8 +216,7 @@ impl<'a> Basis<'a> {
     /// Removes what was found from the last panel and from w, then w <- w h; returns w' w.
     pub fn remove(&mut self, near: &Near, along: &Along, h: Option<&Block>) -> Block {
         let mut gram = ZERO;
-        let runs = self.pool.runs;
-        let mut panels = split(&mut self.chunks, runs, self.count);
+        let mut panels = self.panels.split();
         let paired = along.panels.iter().any(|h| norm(&h[0]) > 0.0);
         let work = runs_mut(&mut self.work);
         vectorised(
@@ -337,11 +264,8 @@ impl<'a> Basis<'a> {
 
     /// w <- w h, which is appended.
     pub fn append(&mut self, h: &Block) -> Result<(), EigenError> {
-        if self.count == self.chunks.len() * CHUNK {
-            self.chunks.push(self.pool.take()?);
-        }
-        self.count += 1;
-        let Some((_, last)) = split(&mut self.chunks, self.pool.runs, self.count) else { return Ok(()) };
+        self.panels.grow()?;
+        let Some((_, last)) = self.panels.split() else { return Ok(()) };
         let work = runs_mut(&mut self.work);
         vectorised(
             #[inline(always)]
@@ -355,22 +279,26 @@ impl<'a> Basis<'a> {
         Ok(())
     }
 
-    /// V c; c has eight rows per panel.
-    pub fn combine(&self, c: MatRef<'_, f64>) -> Result<Store, EigenError> {
-        let (m, columns) = (self.count * WIDTH, c.ncols());
-        let mut store = Store::zeroed(self.pool.runs * RUN, columns)?;
-        let mut rows = vec![0.0; RUN * m];
-        let panels = self.panels();
-        for run in 0..self.pool.runs {
-            for (p, panel) in panels.iter().enumerate() {
+    /// V c, in place of the first panels; c has eight rows per panel, and panels of columns.
+    pub fn combine(mut self, c: MatRef<'_, f64>) -> Panels<'a> {
+        let (m, columns) = (c.nrows(), c.ncols());
+        let (mut rows, mut products) = (vec![0.0; RUN * m], vec![0.0; RUN * columns]);
+        for run in 0..runs(&self.work).len() {
+            for (p, panel) in self.panels.all().iter().enumerate() {
                 for (row, x) in rows.chunks_exact_mut(m).zip(&panel[run]) {
                     row[p * WIDTH..(p + 1) * WIDTH].copy_from_slice(x);
                 }
             }
             let left = MatRef::from_row_major_slice(&rows, RUN, m);
-            let target = MatMut::from_column_major_slice_mut(store.run_mut(run), RUN, columns);
+            let target = MatMut::from_row_major_slice_mut(&mut products, RUN, columns);
             matmul(target, Accum::Replace, left, c, 1.0, Par::Seq);
+            for (p, panel) in self.panels.all_mut().into_iter().take(columns / WIDTH).enumerate() {
+                for (x, row) in panel[run].iter_mut().zip(products.chunks_exact(columns)) {
+                    x.copy_from_slice(&row[p * WIDTH..(p + 1) * WIDTH]);
+                }
+            }
         }
-        Ok(store)
+        self.panels.truncate(columns / WIDTH);
+        self.panels
     }
 }

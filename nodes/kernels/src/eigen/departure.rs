@@ -10,8 +10,8 @@ use super::panel::{Block, WIDTH, ZERO, add, product, subtract, transposed};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 
-/// Eigenvalues of T nearer to each other than this, relative to the largest, are left unmixed: N there is smaller than rounding of T.
-const NEAR: f64 = 1e-5;
+/// Mixing of two eigenvectors by more than this is not of first order. Their eigenvalues are then equal up to rounding, and any mixture is as good.
+const SMALL: f64 = 1e-4;
 
 /// The recurrence as far as it goes: T, symmetric, in blocks.
 #[derive(Default)]
@@ -116,11 +116,11 @@ impl Departure {
             }
         }
         let mut mixed = dense::inner(vectors, dense::product(left.as_ref(), right.as_ref()).as_ref());
-        let largest = values.iter().fold(0.0f64, |m, x| m.max(x.abs()));
         for (j, &column) in chosen.iter().enumerate() {
             for i in 0..m {
                 let difference = values[column] - values[i];
-                mixed[(i, j)] = if difference.abs() > NEAR * largest { mixed[(i, j)] / difference } else { 0.0 };
+                let small = mixed[(i, j)].abs() < SMALL * difference.abs();
+                mixed[(i, j)] = if small { mixed[(i, j)] / difference } else { 0.0 };
             }
         }
         matmul(corrected.as_mut(), Accum::Add, vectors, mixed.as_ref(), 1.0, Par::Seq);

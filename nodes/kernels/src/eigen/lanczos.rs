@@ -4,13 +4,13 @@
 //! Ritz vectors are purified (Ericsson & Ruhe 1980): y + W s / theta, W the next block, is B y / theta without another solve, and the residual of A itself
 //! is then exactly that of B over theta^2.
 
-use super::basis::{Along, Basis, Near, Null, Pool};
+use super::basis::{Along, Basis, Near, Null};
 use super::dense::symmetric_eigen;
 use super::departure::{Departure, Recurrence};
 use super::packed::Packed;
 use super::panel::{Block, Row, WIDTH, ZERO, cholesky, inverse, norm, product, subtract, symmetrised, transposed};
+use super::pool::{Panels, Pool};
 use super::reach::{Chosen, Reach, Ritz, Verdict};
-use super::vectors::Store;
 use super::{EigenError, Hooks, Phase, enter};
 use crate::random::Random;
 use faer::Mat;
@@ -35,12 +35,12 @@ const STALLED: usize = 3;
 /// A block that shrinks by this factor under orthogonalisation lay in the span already: only rounding errors are left of it.
 const DEPENDENT: f64 = 1e-13;
 
-pub(super) struct Run<'a> {
+pub(super) struct Run<'r, 'a> {
     pub n: usize,
     pub shift: f64,
     /// Eigenvalues below the shift beyond the null space, by inertia.
     pub count_below: usize,
-    pub factor: &'a Packed,
+    pub factor: &'r Packed,
     pub null: &'a Null,
     pub pool: &'a Pool,
     pub reach: Reach,
@@ -52,9 +52,9 @@ pub(super) struct Run<'a> {
 }
 
 /// Eigenpairs of A found by one run, ascending; vectors of unit norm in elimination order.
-pub(super) struct Found {
+pub(super) struct Found<'a> {
     pub values: Vec<f64>,
-    pub vectors: Store,
+    pub vectors: Panels<'a>,
     /// A gap above the last pair.
     pub cut: f64,
     /// Relative width of that gap.
@@ -65,8 +65,8 @@ pub(super) struct Found {
     pub count_below: usize,
 }
 
-struct Krylov<'a> {
-    run: &'a Run<'a>,
+struct Krylov<'r, 'a> {
+    run: &'r Run<'r, 'a>,
     basis: Basis<'a>,
     recurrence: Recurrence,
     departure: Departure,
@@ -78,7 +78,7 @@ struct Krylov<'a> {
 }
 
 /// Finds the pairs that `run.reach` asks for.
-pub(super) fn lanczos(run: &Run<'_>, hooks: &dyn Hooks, step: &dyn Fn()) -> Result<Found, EigenError> {
+pub(super) fn lanczos<'a>(run: &Run<'_, 'a>, hooks: &dyn Hooks, step: &dyn Fn()) -> Result<Found<'a>, EigenError> {
     let mut krylov = Krylov::new(run)?;
     let limit = (run.n - run.null.count) / WIDTH;
     let mut stalled = 0;
@@ -97,7 +97,7 @@ pub(super) fn lanczos(run: &Run<'_>, hooks: &dyn Hooks, step: &dyn Fn()) -> Resu
         match verdict {
             Verdict::Done(chosen) if krylov.dropped.len() >= run.restarts => {
                 enter(hooks, Phase::Vectors)?;
-                return krylov.found(&projected, &chosen);
+                return Ok(krylov.found(&projected, &chosen));
             }
             Verdict::Done(_) | Verdict::Short => krylov.extend(true, hooks)?,
             Verdict::NotYet(off) if off <= 1.0 && stalled == STALLED => {
@@ -125,8 +125,8 @@ struct Projected {
     vectors: Mat<f64>,
 }
 
-impl<'a> Krylov<'a> {
-    fn new(run: &'a Run<'a>) -> Result<Self, EigenError> {
+impl<'r, 'a> Krylov<'r, 'a> {
+    fn new(run: &'r Run<'r, 'a>) -> Result<Self, EigenError> {
         let first_check = expected_blocks(run.reach.expected, run.reach.is_lowest());
         let mut krylov = Self {
             run,
@@ -272,12 +272,12 @@ impl<'a> Krylov<'a> {
     }
 
     /// Purified Ritz vectors of unit norm.
-    fn found(&self, projected: &Projected, chosen: &Chosen) -> Result<Found, EigenError> {
+    fn found(self, projected: &Projected, chosen: &Chosen) -> Found<'a> {
         let m = self.recurrence.diagonal.len() * WIDTH;
         let last = &self.recurrence.below[self.recurrence.below.len() - 1];
         let columns: Vec<usize> = chosen.pairs.iter().map(|r| r.column).collect();
         let s = self.departure.correct(&projected.values, projected.vectors.as_ref(), &columns);
-        let mut c = Mat::<f64>::zeros(m + WIDTH, columns.len());
+        let mut c = Mat::<f64>::zeros(m + WIDTH, columns.len().next_multiple_of(WIDTH));
         for (j, &column) in columns.iter().enumerate() {
             let mut norm = 1.0;
             for p in 0..WIDTH {
@@ -294,14 +294,14 @@ impl<'a> Krylov<'a> {
                 c[(m + p, j)] *= scale;
             }
         }
-        Ok(Found {
+        Found {
             values: chosen.pairs.iter().map(|r| r.value).collect(),
-            vectors: self.basis.combine(c.as_ref())?,
+            vectors: self.basis.combine(c.as_ref()),
             cut: chosen.cut,
             gap: chosen.gap,
             shift: self.run.shift,
             count_below: self.run.count_below,
-        })
+        }
     }
 }
 

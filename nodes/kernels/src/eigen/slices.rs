@@ -1,10 +1,11 @@
 //! The wanted part of the spectrum in slices: each around a shift of its own, independent of the others, joined at cuts in gaps.
 
-use super::basis::{Null, Pool};
+use super::basis::Null;
 use super::certify::collect;
 use super::factor::Factorizer;
 use super::lanczos::{Found, Run, expected_blocks, lanczos};
 use super::packed::Packed;
+use super::pool::Pool;
 use super::reach::{Reach, Side};
 use super::vectors::Vectors;
 use super::{EigenError, Hooks, Options, Phase, enter};
@@ -16,6 +17,7 @@ use std::sync::{Mutex, PoisonError};
 pub(super) struct Spectrum<'a> {
     pub factorizer: &'a Factorizer,
     pub null: &'a Null,
+    pub pool: &'a Pool,
     pub n: usize,
     /// Eigenvalues wanted beyond the null space.
     pub wanted: usize,
@@ -24,8 +26,8 @@ pub(super) struct Spectrum<'a> {
 }
 
 /// The smallest eigenpairs beyond the null space, as far as they were found.
-pub(super) struct Union {
-    pub vectors: Vectors,
+pub(super) struct Union<'a> {
+    pub vectors: Vectors<'a>,
     pub cut: f64,
     /// Eigenvalues below the cut by inertia, null space included.
     pub expected: usize,
@@ -64,20 +66,20 @@ pub(super) struct Attempt {
 }
 
 /// One attempt at the whole.
-pub(super) fn union(spectrum: &Spectrum<'_>, attempt: Attempt) -> Result<Union, EigenError> {
+pub(super) fn union<'a>(spectrum: &Spectrum<'a>, attempt: Attempt) -> Result<Union<'a>, EigenError> {
     let slices = plan(spectrum, attempt)?;
     let count = slices.len();
     let blocks = count * expected_blocks(spectrum.wanted / count, count == 1);
     let done = AtomicUsize::new(0);
-    let pool = Pool::new(spectrum.n);
     let step = || {
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         spectrum.hooks.progress(0.05 + 0.8 * (done as f64 / blocks as f64).min(1.0));
     };
     let found = collect(spectrum.hooks, count, &|task| {
         // The uppermost slice first: its factorisation is at hand.
-        run_slice(spectrum, &slices, count - 1 - task, &pool, attempt, &step)
+        run_slice(spectrum, &slices, count - 1 - task, attempt, &step)
     })?;
+    spectrum.pool.clear();
     join(spectrum, found.into_iter().rev().collect::<Result<_, _>>()?)
 }
 
@@ -119,14 +121,13 @@ fn plan(spectrum: &Spectrum<'_>, attempt: Attempt) -> Result<Vec<Slice>, EigenEr
     Ok(slices)
 }
 
-fn run_slice(
-    spectrum: &Spectrum<'_>,
+fn run_slice<'a>(
+    spectrum: &Spectrum<'a>,
     slices: &[Slice],
     i: usize,
-    pool: &Pool,
     attempt: Attempt,
     step: &dyn Fn(),
-) -> Result<Found, EigenError> {
+) -> Result<Found<'a>, EigenError> {
     let slice = &slices[i];
     let at_hand = lock(&slice.factor).take();
     let factor = if let Some(factor) = at_hand {
@@ -147,7 +148,7 @@ fn run_slice(
         count_below: own,
         factor: &factor,
         null: spectrum.null,
-        pool,
+        pool: spectrum.pool,
         reach: Reach { below, above, expected: slice.pairs },
         tolerance: spectrum.options.tolerance,
         restarts: attempt.restarts,
@@ -157,17 +158,18 @@ fn run_slice(
 }
 
 /// Joins neighbours at the lower one's cut, and counts below the uppermost cut.
-fn join(spectrum: &Spectrum<'_>, found: Vec<Found>) -> Result<Union, EigenError> {
+fn join<'a>(spectrum: &Spectrum<'a>, found: Vec<Found<'a>>) -> Result<Union<'a>, EigenError> {
     let (cut, gap) = found.last().map_or((0.0, 0.0), |f| (f.cut, f.gap));
     let mut values: Vec<f64> = Vec::with_capacity(spectrum.wanted + 16);
-    let (mut stores, mut index) = (Vec::new(), Vec::new());
+    let mut stores = Vec::new();
     let mut from = 0.0;
-    for (s, slice) in found.into_iter().enumerate() {
+    for slice in found {
+        let mut columns = Vec::new();
         for (column, &value) in slice.values.iter().enumerate().filter(|v| *v.1 > from) {
             values.push(value);
-            index.push((s, column));
+            columns.push(column);
         }
-        stores.push(slice.vectors);
+        stores.push((slice.vectors, columns));
         // The shift has its own count: what is missing or double is noticed where it happens.
         let below = values.iter().filter(|v| **v < slice.shift).count();
         if below != slice.count_below {
@@ -182,5 +184,5 @@ fn join(spectrum: &Spectrum<'_>, found: Vec<Found>) -> Result<Union, EigenError>
     }
     enter(spectrum.hooks, Phase::Count)?;
     let expected = spectrum.factorizer.count_below(cut, gap)?;
-    Ok(Union { vectors: Vectors::new(stores, index), cut, expected, last: false })
+    Ok(Union { vectors: Vectors::new(stores), cut, expected, last: false })
 }

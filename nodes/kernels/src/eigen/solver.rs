@@ -1,21 +1,26 @@
 //! From a problem to certified pairs: the method, the attempts, the certificate.
 
-use super::basis::{Null, RUN};
+use super::basis::Null;
 use super::certify::{Columns, UNCERTIFIED};
 use super::cut::place_cut;
 use super::dense::{lifted, orthonormalise, refine, symmetric_eigen};
 use super::factor::Factorizer;
 use super::lanczos::expected_blocks;
 use super::panel::WIDTH;
+use super::pool::Pool;
 use super::problem::Problem;
 use super::slices::{Attempt, Spectrum, Union, union};
-use super::vectors::{Store, Vectors};
+use super::vectors::Vectors;
 use super::{Certificate, EigenError, Eigenpairs, Hooks, Method, Options, Phase, enter};
 use std::f64::consts::PI;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Accepted departure of V' S V from the identity.
 const ORTHOGONALITY: f64 = 1e-10;
+
+/// A shift below the spectrum, by about the mean distance of eigenvalues: there A - shift I is positive definite, and its factorisation as accurate as
+/// can be.
+const BELOW: f64 = -4.0 * PI;
 
 /// Attempts before giving up, each with other shifts and, if pairs were missing, more fresh blocks.
 const ATTEMPTS: usize = 6;
@@ -34,7 +39,16 @@ pub(crate) fn solve(
     let factorizer = Factorizer::new(problem)?;
     let order = factorizer.order();
     let null = problem.null(&order);
-    let solver = Solver { problem, factorizer: &factorizer, order: &order, null: &null, k, options, hooks };
+    let solver = Solver {
+        problem,
+        factorizer: &factorizer,
+        order: &order,
+        null: &null,
+        pool: &Pool::new(problem.n()),
+        k,
+        options,
+        hooks,
+    };
     let found = solver.attempts()?;
     hooks.progress(1.0);
     Ok(found)
@@ -84,12 +98,13 @@ struct Solver<'a> {
     factorizer: &'a Factorizer,
     order: &'a [u32],
     null: &'a Null,
+    pool: &'a Pool,
     k: usize,
     options: &'a Options,
     hooks: &'a dyn Hooks,
 }
 
-impl Solver<'_> {
+impl<'a> Solver<'a> {
     /// Eigenvalues wanted beyond the null space.
     fn wanted(&self) -> usize {
         self.k.saturating_sub(self.null.count)
@@ -126,6 +141,7 @@ impl Solver<'_> {
         let spectrum = Spectrum {
             factorizer: self.factorizer,
             null: self.null,
+            pool: self.pool,
             n: self.problem.n(),
             wanted: self.wanted(),
             options: self.options,
@@ -135,7 +151,7 @@ impl Solver<'_> {
     }
 
     /// The lowest pairs of a full decomposition, up to the first gap above the wanted ones.
-    fn dense(&self) -> Result<Union, EigenError> {
+    fn dense(&self) -> Result<Union<'a>, EigenError> {
         let (n, wanted) = (self.problem.n(), self.wanted());
         let available = n - self.null.count;
         enter(self.hooks, Phase::Projected)?;
@@ -145,7 +161,7 @@ impl Solver<'_> {
         let start = vectors.subcols(0, (cut.position + 1).min(available)).to_owned();
         let mut y = orthonormalise(start).ok_or(UNCERTIFIED)?;
         if y.ncols() > 0 {
-            let factor = self.factorizer.factor(-4.0 * PI)?;
+            let factor = self.factorizer.factor(BELOW)?;
             for _ in 0..2 {
                 if self.hooks.cancelled() {
                     return Err(EigenError::Cancelled);
@@ -154,22 +170,19 @@ impl Solver<'_> {
             }
         }
         let expected = self.factorizer.count_below(cut.value, cut.width)?;
-        let mut store = Store::zeroed(n, cut.position)?;
-        for (run, order) in self.order.chunks(RUN).enumerate() {
-            for (j, target) in store.run_mut(run).chunks_exact_mut(RUN).enumerate() {
-                for (x, &vertex) in target.iter_mut().zip(order) {
-                    *x = y[(vertex as usize, j)];
-                }
-            }
-        }
-        let vectors = Vectors::new(vec![store], (0..cut.position).map(|j| (0, j)).collect());
+        let vectors = Vectors::with(self.pool, n, cut.position, |i, j| y[(self.order[i] as usize, j)])?;
         Ok(Union { vectors, cut: cut.value, expected, last: cut.position == available })
     }
 
-    fn certified(&self, union: Union, method: Method, rounds: usize) -> Result<Eigenpairs, EigenError> {
+    fn certified(&self, union: Union<'_>, method: Method, rounds: usize) -> Result<Eigenpairs, EigenError> {
         let Union { mut vectors, cut, expected, last } = union;
         let found = self.null.count + vectors.len();
         let columns = Columns { problem: self.problem, null: self.null, order: self.order, hooks: self.hooks };
+        enter(self.hooks, Phase::Certify)?;
+        columns.polish(&mut vectors, self.options.tolerance, || {
+            enter(self.hooks, Phase::Factorise)?;
+            self.factorizer.factor(BELOW)
+        })?;
         enter(self.hooks, Phase::Certify)?;
         let orthogonality = columns.orthogonalise(&mut vectors)?;
         let findings = columns.examine(&mut vectors, self.wanted(), self.options.tolerance)?;
@@ -208,7 +221,7 @@ impl Solver<'_> {
     fn finish(
         &self,
         columns: &Columns<'_>,
-        found: &Vectors,
+        found: &Vectors<'_>,
         positive: &[f64],
         certificate: Certificate,
     ) -> Result<Eigenpairs, EigenError> {
