@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use super::compare::Found;
-use super::text::{bytes, count, seconds, table};
+use super::text::{bytes, count, seconds, table, working};
 use crate::compare::{Comparison, NodeDifference};
 
 /// How many nodes at which two sides part are listed.
@@ -45,7 +45,8 @@ fn columns(found: &Found) -> String {
         }
     };
     part("seconds", &|cost| seconds(cost.seconds));
-    part("memory (inputs and output of the largest call)", &|cost| bytes(cost.held_bytes));
+    part("memory: inputs and output of the largest call", &|cost| bytes(cost.held_bytes));
+    part("memory: at work, besides the inputs", &|cost| working(cost.working_bytes));
     titled(&rows)
 }
 
@@ -139,11 +140,12 @@ fn pair_text(pair: &Comparison) -> String {
             let _ = writeln!(text, "  only in {side}: {some}{more}");
         }
     }
+    let absent = if pair.absent > 0 { format!(", {} failed on both sides", pair.absent) } else { String::new() };
     if pair.nodes.is_empty() {
-        let _ = writeln!(text, "  no difference: {} the same", count(pair.equal, "output"));
+        let _ = writeln!(text, "  no difference: {} the same{absent}", count(pair.equal, "output"));
         return text;
     }
-    let _ = writeln!(text, "  {} differ, {} are the same", count(pair.nodes.len(), "output"), pair.equal);
+    let _ = writeln!(text, "  {} differ, {} are the same{absent}", count(pair.nodes.len(), "output"), pair.equal);
     let mut silent: BTreeMap<&str, usize> = BTreeMap::new();
     for node in &pair.nodes {
         if node.differences.is_none() && node.note.is_none() {

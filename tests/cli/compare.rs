@@ -171,6 +171,41 @@ fn runs_say_what_was_computed_and_why() {
     assert_eq!(desk.call(&["runs", "--why", "nothing"]).status.code(), Some(2));
 }
 
+/// `working_bytes` of the stage `slow` in the two columns of a comparison.
+fn working(desk: &Desk, args: &[&str]) -> [Option<u64>; 2] {
+    let found: Value = serde_json::from_str(&desk.ok(args)).unwrap();
+    let slow = found["stages"].as_array().unwrap().iter().find(|row| row["kind"] == "slow").unwrap().clone();
+    [0, 1].map(|side: usize| slow["costs"][side]["working_bytes"].as_u64())
+}
+
+#[test]
+fn memory_at_work_is_told_of_calls_that_worked_alone() {
+    if !std::path::Path::new("/proc/self/clear_refs").exists() {
+        println!("skipped: this system does not tell");
+        return;
+    }
+    let desk = desk();
+    desk.write(
+        "w.ron",
+        "(format: 1, base: \"g.ron\", variants: {\n\"little\": set({}), \"much\": set({\"slow\": (memory: 80)})})\n",
+    );
+    let call = ["compare", "w.ron", "--json"];
+    let [little, much] = working(&desk, &[&call[..], &["--jobs", "1"]].concat()).map(Option::unwrap);
+    assert!(little < 20 << 20 && (79 << 20..100 << 20).contains(&much), "{little} {much}");
+    // It stays known while the output is.
+    assert_eq!(working(&desk, &call), [Some(little), Some(much)]);
+    let shown = desk.ok(&["runs", "--run", "last"]);
+    assert!(shown.contains("at work") && shown.contains("MB"), "{shown}");
+    let table = desk.ok(&["compare", "w.ron", "--csv"]);
+    assert!(table.contains(&format!("much,,slow,working_bytes,{much}")), "{table}");
+    // Two at once: whose memory it was cannot be told.
+    let graph = "(format: 1, nodes: {\"a\": read(path: \"a.txt\"), \"s\": slow(x: \"a\", millis: 400, tag: 7), \
+        \"t\": slow(x: \"a\", millis: 400, tag: 8)}, show: [\"s\", \"t\"])";
+    desk.write("two.ron", graph);
+    desk.ok(&["run", "two.ron", "--jobs", "2"]);
+    assert_eq!(working(&desk, &["compare", "two.ron", "--json"]), [None, None]);
+}
+
 #[test]
 fn a_failing_variant_is_a_column_of_its_own() {
     let desk = desk();
