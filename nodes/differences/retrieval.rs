@@ -229,8 +229,11 @@ pub fn rankings(one: &Ranking, other: &Ranking) -> Vec<Difference> {
     all.into_iter().chain(rest).flatten().collect()
 }
 
+/// Reads one figure.
+type Reading = fn(&Figures) -> f64;
+
 /// The figures in the order in which they are reported.
-const FIGURES: [(&str, fn(&Figures) -> f64); 7] = [
+const FIGURES: [(&str, Reading); 7] = [
     ("NN", |f| f.nn),
     ("first tier", |f| f.first_tier),
     ("second tier", |f| f.second_tier),
@@ -243,7 +246,7 @@ const FIGURES: [(&str, fn(&Figures) -> f64); 7] = [
 /// Every figure, the classes that changed most, and the queries whose nearest is of the right class on one side only.
 #[must_use]
 pub fn metrics(one: &Metrics, other: &Metrics) -> Vec<Difference> {
-    let figure = |(name, of): (&str, fn(&Figures) -> f64)| {
+    let figure = |(name, of): (&str, Reading)| {
         let (a, b) = (of(&one.overall), of(&other.overall));
         let text = format!("{} -> {} ({:+.4})", short(a), short(b), b - a);
         (a != b).then(|| Difference { values: Some([a, b]), ..Difference::new(name, (a - b).abs(), text) })

@@ -25,8 +25,23 @@ pub fn load(choice: &GraphChoice, registry: &Registry) -> Result<Plan, Fail> {
 
 /// What the command line changes in a graph.
 pub fn overrides(choice: &GraphChoice) -> Overrides {
-    let variants = (!choice.variants.is_empty()).then(|| choice.variants.clone());
+    let variants: Vec<String> = choice.variants.iter().flat_map(|names| separated(names)).collect();
+    let variants = (!variants.is_empty()).then_some(variants);
     Overrides { sets: choice.sets.clone(), variants }
+}
+
+/// Names between commas; those in brackets are part of a name, as in `radius[radius=1.7,unit=Area]`.
+fn separated(names: &str) -> Vec<String> {
+    let mut depth = 0_usize;
+    let split = |c: char| {
+        match c {
+            '[' => depth += 1,
+            ']' => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        c == ',' && depth == 0
+    };
+    names.split(split).map(str::to_owned).collect()
 }
 
 /// Diagnostics on standard error, with the places in the graph file.

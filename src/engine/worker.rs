@@ -56,6 +56,7 @@ pub(super) enum Done {
 }
 
 /// What an execution cost; see [`Record`].
+#[derive(Clone, Copy)]
 struct Cost {
     seconds: f64,
     working: Option<u64>,
