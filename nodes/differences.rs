@@ -18,6 +18,9 @@ use crate::patch_extract::Patches;
 use crate::patch_spectrum::Features;
 use crate::reconstruction_energy::Energy;
 
+mod retrieval;
+pub use retrieval::{metrics, rankings, similarities};
+
 /// Scales whose logarithms differ by at most this are the same scale.
 const SAME_SCALE: f64 = 0.1;
 /// How many features or matches the text names.

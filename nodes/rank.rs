@@ -117,6 +117,10 @@ impl Artefact for Ranking {
         Some(Table::new(&["query", "rank", "target", "score"], rows.collect()))
     }
 
+    fn differences(&self, other: &Self, _: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
+        crate::differences::rankings(self, other)
+    }
+
     fn view(&self) -> salient_sdk::View<'_> {
         crate::views::ranking(self)
     }

@@ -187,6 +187,10 @@ impl Artefact for Metrics {
         Some(Table::new(&columns, std::iter::once(("", &self.overall)).chain(classes).map(row).collect()))
     }
 
+    fn differences(&self, other: &Self, _: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
+        crate::differences::metrics(self, other)
+    }
+
     fn view(&self) -> salient_sdk::View<'_> {
         crate::views::metrics(self)
     }

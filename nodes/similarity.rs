@@ -155,4 +155,8 @@ impl Artefact for Similarity {
         };
         Some(Table { columns, rows: self.queries.iter().enumerate().map(row).collect() })
     }
+
+    fn differences(&self, other: &Self, _: &salient_sdk::Surfaces) -> Vec<salient_sdk::Difference> {
+        crate::differences::similarities(self, other)
+    }
 }

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use salient_kernels::signature::harmonics::harmonics;
+use salient_kernels::signature::harmonics::harmonics_until;
 use salient_kernels::signature::views::{self, views};
 use salient_sdk::{Context, Inputs, Mesh, Node, NodeError, Port, PortValues};
 use schemars::JsonSchema;
@@ -47,7 +47,9 @@ impl Node for VolumeSignature {
 
     fn run(_: &VolumeParams, In { mesh }: In, cx: Context) -> Result<Signature, NodeError> {
         cx.check()?;
-        Ok(Signature { kind: "spherical harmonics".into(), values: harmonics(&mesh.vertices, &mesh.faces) })
+        let values = harmonics_until(&mesh.vertices, &mesh.faces, &|| cx.cancelled());
+        cx.check()?;
+        Ok(Signature { kind: "spherical harmonics".into(), values })
     }
 }
 

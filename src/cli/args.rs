@@ -55,7 +55,7 @@ pub struct GraphChoice {
     #[arg(long = "set", value_name = "NAME=RON")]
     pub sets: Vec<String>,
     /// Only these variants; repeat it, or separate names by commas
-    #[arg(long = "variant", value_name = "NAME", value_delimiter = ',')]
+    #[arg(long = "variant", value_name = "NAME")]
     pub variants: Vec<String>,
 }
 
@@ -228,7 +228,7 @@ pub struct CompareArgs {
     #[arg(long = "set", value_name = "NAME=RON")]
     pub sets: Vec<String>,
     /// Only these variants; repeat it, or separate names by commas
-    #[arg(long = "variant", alias = "variants", value_name = "NAME", value_delimiter = ',')]
+    #[arg(long = "variant", alias = "variants", value_name = "NAME")]
     pub variants: Vec<String>,
     /// A recorded run, as `salient runs` names it; repeat it to compare runs, or give a graph to compare with
     #[arg(long = "run", value_name = "RUN")]

@@ -179,13 +179,14 @@ fn table(found: &Found) -> Table {
     for it in &found.stages {
         for (side, cost) in found.sides.iter().zip(&it.costs) {
             let Some(cost) = cost else { continue };
-            let figures = [
+            let mut figures = vec![
                 ("calls", cost.calls.to_string()),
                 ("seconds", cost.seconds.to_string()),
                 ("output_bytes", cost.output_bytes.to_string()),
                 ("held_bytes", cost.held_bytes.to_string()),
             ];
-            rows.extend(figures.map(|(figure, value)| {
+            figures.extend(cost.working_bytes.map(|working| ("working_bytes", working.to_string())));
+            rows.extend(figures.into_iter().map(|(figure, value)| {
                 vec![side.name.clone(), String::new(), it.kind.clone(), figure.to_owned(), value]
             }));
         }

@@ -4,10 +4,13 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use super::compare::Found;
-use super::text::{bytes, count, seconds, table};
+use super::text::{bytes, count, seconds, table, working};
+use crate::compare::pair::Divergence;
 use crate::compare::{Comparison, NodeDifference};
 
-/// How many nodes at which two sides part are listed.
+/// How many of the nodes that part alike are named.
+const NAMED: usize = 3;
+/// How many nodes at which two sides part are listed, each for those that part alike.
 const ROOTS: usize = 8;
 /// How many characters a cell has in a line.
 const CELL: usize = 26;
@@ -45,7 +48,8 @@ fn columns(found: &Found) -> String {
         }
     };
     part("seconds", &|cost| seconds(cost.seconds));
-    part("memory (inputs and output of the largest call)", &|cost| bytes(cost.held_bytes));
+    part("memory: inputs and output of the largest call", &|cost| bytes(cost.held_bytes));
+    part("memory: at work, besides the inputs", &|cost| working(cost.working_bytes));
     titled(&rows)
 }
 
@@ -118,20 +122,7 @@ fn doubts(found: &Found) -> String {
 
 fn pair_text(pair: &Comparison) -> String {
     let mut text = format!("{} -> {}\n", pair.left, pair.right);
-    for (i, it) in pair.diverging.iter().take(ROOTS).enumerate() {
-        let word = if i == 0 { "first diverge at" } else { "and at" };
-        let effect = if it.effect { "" } else { ", without effect" };
-        let _ = writeln!(text, "  {word} {} ({}){effect}", it.node, it.kind);
-        for cause in &it.causes {
-            let _ = writeln!(text, "    {cause}");
-        }
-        if it.causes.is_empty() {
-            let _ = writeln!(text, "    equal params and inputs gave other outputs");
-        }
-    }
-    if pair.diverging.len() > ROOTS {
-        let _ = writeln!(text, "  and at {}", count(pair.diverging.len() - ROOTS, "more node"));
-    }
+    text.push_str(&roots(pair));
     for (names, side) in [(&pair.only_left, &pair.left), (&pair.only_right, &pair.right)] {
         if !names.is_empty() {
             let more = if names.len() > ALONE { format!(" and {} more", names.len() - ALONE) } else { String::new() };
@@ -139,11 +130,12 @@ fn pair_text(pair: &Comparison) -> String {
             let _ = writeln!(text, "  only in {side}: {some}{more}");
         }
     }
+    let absent = if pair.absent > 0 { format!(", {} failed on both sides", pair.absent) } else { String::new() };
     if pair.nodes.is_empty() {
-        let _ = writeln!(text, "  no difference: {} the same", count(pair.equal, "output"));
+        let _ = writeln!(text, "  no difference: {} the same{absent}", count(pair.equal, "output"));
         return text;
     }
-    let _ = writeln!(text, "  {} differ, {} are the same", count(pair.nodes.len(), "output"), pair.equal);
+    let _ = writeln!(text, "  {} differ, {} are the same{absent}", count(pair.nodes.len(), "output"), pair.equal);
     let mut silent: BTreeMap<&str, usize> = BTreeMap::new();
     for node in &pair.nodes {
         if node.differences.is_none() && node.note.is_none() {
@@ -154,6 +146,39 @@ fn pair_text(pair: &Comparison) -> String {
     }
     for (kind, more) in silent {
         let _ = writeln!(text, "  and {more} more of {kind}; `--json` lists all");
+    }
+    text
+}
+
+/// The nodes at which two sides part; those of one kind at which it is for the same causes, on an axis for example, together.
+fn roots(pair: &Comparison) -> String {
+    let mut alike: Vec<(&Divergence, Vec<&str>)> = Vec::new();
+    let mut known: BTreeMap<(&str, bool, String), usize> = BTreeMap::new();
+    for it in &pair.diverging {
+        let causes: Vec<String> = it.causes.iter().map(ToString::to_string).collect();
+        let at = *known.entry((&it.kind, it.effect, causes.join("\n"))).or_insert(alike.len());
+        match alike.get_mut(at) {
+            Some((_, names)) => names.push(&it.node),
+            None => alike.push((it, vec![&it.node])),
+        }
+    }
+    let mut text = String::new();
+    for (i, (it, names)) in alike.iter().take(ROOTS).enumerate() {
+        let word = if i == 0 { "first diverge at" } else { "and at" };
+        let effect = if it.effect { "" } else { ", without effect" };
+        let more = if names.len() > NAMED { format!(" and {} more", names.len() - NAMED) } else { String::new() };
+        let named = names.iter().take(NAMED).copied().collect::<Vec<_>>().join(", ");
+        let _ = writeln!(text, "  {word} {named}{more} ({}){effect}", it.kind);
+        for cause in &it.causes {
+            let _ = writeln!(text, "    {cause}");
+        }
+        if it.causes.is_empty() {
+            let _ = writeln!(text, "    equal params and inputs gave other outputs");
+        }
+    }
+    let rest: usize = alike.iter().skip(ROOTS).map(|(_, names)| names.len()).sum();
+    if rest > 0 {
+        let _ = writeln!(text, "  and at {}", count(rest, "more node"));
     }
     text
 }

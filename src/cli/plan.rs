@@ -25,8 +25,23 @@ pub fn load(choice: &GraphChoice, registry: &Registry) -> Result<Plan, Fail> {
 
 /// What the command line changes in a graph.
 pub fn overrides(choice: &GraphChoice) -> Overrides {
-    let variants = (!choice.variants.is_empty()).then(|| choice.variants.clone());
+    let variants: Vec<String> = choice.variants.iter().flat_map(|names| separated(names)).collect();
+    let variants = (!variants.is_empty()).then_some(variants);
     Overrides { sets: choice.sets.clone(), variants }
+}
+
+/// Names between commas; those in brackets are part of a name, as in `radius[radius=1.7,unit=Area]`.
+fn separated(names: &str) -> Vec<String> {
+    let mut depth = 0_usize;
+    let split = |c: char| {
+        match c {
+            '[' => depth += 1,
+            ']' => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        c == ',' && depth == 0
+    };
+    names.split(split).map(str::to_owned).collect()
 }
 
 /// Diagnostics on standard error, with the places in the graph file.
@@ -99,6 +114,9 @@ pub fn check(args: &CheckArgs, registry: &Registry) -> Result<(), Fail> {
     if wrong { Err(Fail::WrongReported) } else { Ok(()) }
 }
 
+/// How many nodes of a kind that come to the same are listed for people; programs are told of all.
+const LISTED: usize = 12;
+
 /// `salient plan`.
 pub fn plan(args: &PlanArgs, registry: &Registry) -> Result<(), Fail> {
     let plan = load(&args.graph, registry)?;
@@ -138,6 +156,7 @@ fn forecast_json(plan: &Plan, forecast: &Forecast) -> Value {
 fn forecast_text(plan: &Plan, forecast: &Forecast) -> String {
     let mut rows = Vec::new();
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    let mut alike: BTreeMap<(&str, &str), usize> = BTreeMap::new();
     let mut expected = 0.0;
     for call in &forecast.order {
         let prospect = &forecast.calls[call];
@@ -154,12 +173,19 @@ fn forecast_text(plan: &Plan, forecast: &Forecast) -> String {
         let time = prospect.seconds.filter(|_| prospect.verdict.executes());
         expected += time.unwrap_or_default();
         let time = time.map(|time| format!("{} s", seconds(time))).unwrap_or_default();
-        let kind = plan.dag[*call].node.kind().to_owned();
-        rows.push(vec![word.to_owned(), plan.name(*call).to_owned(), kind, time, note]);
+        let kind = plan.dag[*call].node.kind();
+        let so_far = alike.entry((kind, word)).or_default();
+        *so_far += 1;
+        if *so_far <= LISTED {
+            rows.push(vec![word.to_owned(), plan.name(*call).to_owned(), kind.to_owned(), time, note]);
+        }
     }
     let counts: Vec<_> = counts.into_iter().map(|(word, count)| format!("{count} {word}")).collect();
     let mut text = table(&rows, 0, &[3]);
-    let _ = write!(text, "\n{}: {}", count(rows.len(), "node"), counts.join(", "));
+    for ((kind, word), all) in alike.into_iter().filter(|(_, all)| *all > LISTED) {
+        let _ = writeln!(text, "and {} more of {kind}: {word}", all - LISTED);
+    }
+    let _ = write!(text, "\n{}: {}", count(forecast.order.len(), "node"), counts.join(", "));
     if expected > 0.0 {
         let _ = write!(text, "; about {} s of computing, by former runs", seconds(expected));
     }

@@ -9,7 +9,7 @@ use super::args::RunsArgs;
 use super::fail::Fail;
 use super::plan::cause_lines;
 use super::progress::totals;
-use super::text::{ago, bytes, count, print, print_json, seconds, table};
+use super::text::{ago, bytes, count, print, print_json, seconds, table, working};
 use crate::engine::Cache;
 use crate::engine::history::{RunCall, RunEntry, RunOutcome, RunRecord};
 
@@ -100,11 +100,12 @@ fn document(entry: &RunEntry, run: &RunRecord) -> String {
     if let Some(peak) = it.peak_memory {
         let _ = writeln!(text, "at most {} of memory", bytes(peak));
     }
-    let mut rows = vec![["stage", "calls", "computed", "seconds", "output"].map(str::to_owned).to_vec()];
+    let mut rows = vec![["stage", "calls", "computed", "seconds", "output", "at work"].map(str::to_owned).to_vec()];
     rows.extend(it.stages.iter().map(|(kind, s)| {
-        vec![kind.clone(), s.calls.to_string(), s.computed.to_string(), seconds(s.seconds), bytes(s.bytes)]
+        let counts = [s.calls, s.computed].map(|n| n.to_string());
+        [vec![kind.clone()], counts.to_vec(), vec![seconds(s.seconds), bytes(s.bytes), working(s.working)]].concat()
     }));
-    let _ = write!(text, "\n{}\n", table(&rows, 0, &[1, 2, 3, 4]));
+    let _ = write!(text, "\n{}\n", table(&rows, 0, &[1, 2, 3, 4, 5]));
     let executed = |call: &&RunCall| matches!(call.outcome, RunOutcome::Computed | RunOutcome::Failed);
     let all: Vec<_> = run.body.calls.iter().filter(executed).collect();
     for call in all.iter().take(LISTED) {
@@ -140,6 +141,7 @@ fn call_json(run: &RunRecord, call: usize) -> Value {
         "digest": it.digest,
         "bytes": it.bytes,
         "seconds": it.seconds,
+        "working": it.working,
         "message": it.message,
         "why": it.why,
     })

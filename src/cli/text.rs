@@ -77,6 +77,15 @@ pub fn bytes(bytes: u64) -> String {
     format!("{value:.1} TB")
 }
 
+/// Memory that was seen to be needed; below a megabyte the system's count says nothing.
+pub fn working(measured: Option<u64>) -> String {
+    match measured {
+        None => "-".into(),
+        Some(0..1_000_000) => "< 1 MB".into(),
+        Some(measured) => bytes(measured),
+    }
+}
+
 /// How long ago a moment was, given in milliseconds since 1970.
 pub fn ago(when: u64) -> String {
     let now =

@@ -23,6 +23,8 @@ pub struct Comparison {
     pub diverging: Vec<Divergence>,
     /// How many nodes have equal outputs.
     pub equal: usize,
+    /// How many failed or were skipped on both sides.
+    pub absent: usize,
     /// Nodes whose outputs differ, producers before consumers.
     pub nodes: Vec<NodeDifference>,
     /// Addresses that only the first side has.
@@ -77,6 +79,7 @@ pub fn compare(left: &Side, right: &Side, depth: Depth, library: &Library) -> Re
         right: right.name.clone(),
         diverging: Vec::new(),
         equal: 0,
+        absent: 0,
         nodes: Vec::new(),
         only_left: only(left, right),
         only_right: only(right, left),
@@ -92,7 +95,7 @@ pub fn compare(left: &Side, right: &Side, depth: Depth, library: &Library) -> Re
             roots.push((!divergence.effect, left.depth(*l), *l, divergence));
         }
         if !differs {
-            it.equal += 1;
+            *if a.digest.is_some() { &mut it.equal } else { &mut it.absent } += 1;
             continue;
         }
         let kind = left.kind(*l);

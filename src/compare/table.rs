@@ -133,6 +133,9 @@ pub struct Cost {
     pub output_bytes: u64,
     /// The most that one of them had to hold, its inputs and its output, in bytes.
     pub held_bytes: u64,
+    /// The most that one of them needed while it was computed, besides its inputs, in bytes; of those that were measured
+    /// because nothing else was done meanwhile.
+    pub working_bytes: Option<u64>,
 }
 
 /// What each stage cost, the dearest first.
@@ -150,6 +153,7 @@ pub fn stages(sides: &[Side]) -> Vec<StageRow> {
             cost.calls += 1;
             cost.seconds += it.seconds.unwrap_or_default();
             cost.output_bytes += bytes;
+            cost.working_bytes = cost.working_bytes.max(it.working);
             cost.held_bytes = cost.held_bytes.max(bytes + inputs.values().sum::<u64>());
         }
     }

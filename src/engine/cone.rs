@@ -49,6 +49,16 @@ fn dispensable(plan: &Plan, call: NodeIndex) -> BTreeSet<NodeIndex> {
     all
 }
 
+/// These calls in the order of the graph file, which the indices of a plan follow, if that has producers before consumers;
+/// else as they are.
+pub(super) fn in_file_order(plan: &Plan, mut calls: Vec<NodeIndex>) -> Vec<NodeIndex> {
+    let ascending = |call: &NodeIndex| plan.dag.neighbors_directed(*call, Direction::Incoming).all(|from| from < *call);
+    if calls.iter().all(ascending) {
+        calls.sort_unstable();
+    }
+    calls
+}
+
 impl Cone {
     pub(super) fn of(plan: &Plan, wanted: &[NodeIndex], cost: &BTreeMap<NodeIndex, f64>) -> Self {
         let mut places: BTreeMap<NodeIndex, Place> = BTreeMap::new();

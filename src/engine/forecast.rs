@@ -7,7 +7,7 @@ use petgraph::graph::NodeIndex;
 use serde::Serialize;
 
 use super::cache::{Cache, CacheError};
-use super::cone::Cone;
+use super::cone::{Cone, in_file_order};
 use super::history::Costs;
 use super::key::Ingredients;
 use super::record::Record;
@@ -70,7 +70,7 @@ impl Forecast {
         let mut costs = Costs::of(plan, cache)?;
         let cone = Cone::of(plan, wanted, &costs.weights(plan));
         let sources = Sources::new();
-        let order: Vec<_> = cone.calls().collect();
+        let order = in_file_order(plan, cone.calls().collect());
         let mut it = Self { calls: BTreeMap::new(), order };
         for wave in it.waves(&cone) {
             let found = it.look_up(plan, &wave, cache, &sources)?;

@@ -63,6 +63,9 @@ pub struct Stage {
     pub output_seconds: f64,
     /// Size of the outputs in bytes.
     pub bytes: u64,
+    /// The most memory that one needed while it was computed, besides its inputs, in bytes; of those that were measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub working: Option<u64>,
 }
 
 /// One run, as remembered.
@@ -129,6 +132,9 @@ pub struct RunCall {
     /// How long computing the output took, in this run or in the one that did it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
+    /// The most memory that the process gained while it was computed, in bytes, if nothing else was done meanwhile.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub working: Option<u64>,
     /// What is doubtful about its output.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub defects: Vec<Defect>,

@@ -13,6 +13,7 @@
 //! | [`history`], `remember` | recent runs with their plans, and how they are remembered |
 //! | [`schedule`] | [`run`]: workers, order, outcome |
 //! | [`event`] | all that a run tells the outside |
+//! | `working` | memory of calls that work alone |
 //! | [`forecast`], [`why`] | what a run would do, and why |
 
 pub mod cache;
@@ -34,6 +35,7 @@ pub mod sources;
 pub mod upkeep;
 pub mod why;
 mod worker;
+mod working;
 
 pub use cache::{Cache, CacheError};
 pub use event::{Event, Totals};

@@ -44,6 +44,9 @@ pub struct Record {
     pub bytes: u64,
     /// How long it took to compute, in seconds.
     pub seconds: f64,
+    /// The most memory that the process gained while it was computed, in bytes, if nothing else was done meanwhile.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub working: Option<u64>,
     /// When it was computed, in milliseconds since 1970.
     pub when: u64,
     /// Figures that the node recorded.

@@ -7,11 +7,13 @@ use petgraph::graph::NodeIndex;
 use serde_json::Value;
 
 use super::cache::{Cache, CacheError};
+use super::cone::in_file_order;
 use super::history::{RunBody, RunCall, RunKind, RunOutcome, RunRecord, RunSummary, Stage, graph_name};
 use super::key::{Ingredients, canonical, wires};
 use super::schedule::{State, count};
 use super::sources::Sources;
 use super::why::{Cause, Hindsight};
+use super::working;
 use crate::graph::Plan;
 
 /// How a run went, for its record.
@@ -33,7 +35,7 @@ impl Course<'_> {
     /// The record of the run.
     pub(super) fn record(&self, cache: &Cache, elapsed: Duration) -> Result<RunRecord, CacheError> {
         let mut why = self.causes(cache)?;
-        let order = self.order();
+        let order = in_file_order(self.plan, self.order.to_vec());
         let mut tables = Tables::default();
         let rank: HashMap<NodeIndex, usize> = order.iter().enumerate().map(|(i, call)| (*call, i)).collect();
         let mut stages: BTreeMap<String, Stage> = BTreeMap::new();
@@ -63,7 +65,7 @@ impl Course<'_> {
             variants: self.plan.variants.clone(),
             totals: count(self.states),
             stages,
-            peak_memory: peak_memory(),
+            peak_memory: working::most(),
         };
         Ok(RunRecord { summary, body: RunBody { kinds: tables.kinds, params: tables.params, calls, shown } })
     }
@@ -111,16 +113,11 @@ impl Course<'_> {
             digest: record.map(|r| r.digest),
             bytes: record.map(|r| r.bytes),
             seconds: record.map(|r| r.seconds),
+            working: record.and_then(|r| r.working),
             defects: record.map(|r| r.defects.clone()).unwrap_or_default(),
             message,
             why,
         }
-    }
-
-    /// The order of the graph file, which the indices of a plan follow, if it has producers before consumers.
-    fn order(&self) -> Vec<NodeIndex> {
-        let ascending = |call: &NodeIndex| wires(self.plan, *call).iter().all(|(_, from)| from < call);
-        if self.states.keys().all(ascending) { self.states.keys().copied().collect() } else { self.order.to_vec() }
     }
 
     /// Why each call that was executed, or failed, was not in the cache.
@@ -150,6 +147,7 @@ fn tally(stage: &mut Stage, call: &RunCall) {
         stage.outputs += 1;
         stage.output_seconds += seconds;
         stage.bytes += call.bytes.unwrap_or_default();
+        stage.working = stage.working.max(call.working);
     }
 }
 
@@ -180,11 +178,4 @@ impl Tables {
         }
         number
     }
-}
-
-/// The most resident memory that this process has had, in bytes, where the system tells.
-pub(super) fn peak_memory() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
-    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kilobytes| kilobytes * 1024)
 }

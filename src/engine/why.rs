@@ -142,9 +142,7 @@ impl fmt::Display for Cause {
             }
             Self::MoreInputs { count: 1 } => f.write_str("and 1 more input"),
             Self::MoreInputs { count } => write!(f, "and {count} more inputs"),
-            Self::Rewired { port, before, now } => {
-                write!(f, "port `{port}` was fed by {}, is fed by {}", list(before), list(now))
-            }
+            Self::Rewired { port, before, now } => rewired(port, before, now, f),
             Self::Version { before, now } => write!(f, "the node's version was {before}, is {now}"),
             Self::Format { before, now } => write!(f, "the format of its output was {before}, is {now}"),
             Self::Evicted { needed_by } => {
@@ -154,6 +152,22 @@ impl fmt::Display for Cause {
             Self::Unreadable { message } => f.write_str(message),
         }
     }
+}
+
+/// Of long lists, what came and went.
+fn rewired(port: &str, before: &[String], now: &[String], f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    let without = |these: &[String], those: &[String]| -> Vec<String> {
+        let those: BTreeSet<&String> = those.iter().collect();
+        these.iter().filter(|name| !those.contains(name)).cloned().collect()
+    };
+    let (gone, new) = (without(before, now), without(now, before));
+    if before.len().max(now.len()) <= 3 || gone.len() + new.len() == 0 || gone.len() == before.len() {
+        return write!(f, "port `{port}` was fed by {}, is fed by {}", list(before), list(now));
+    }
+    let [gone, new] = [(gone, "no longer"), (new, "also")]
+        .map(|(names, word)| if names.is_empty() { None } else { Some(format!("{word} by {}", list(&names))) });
+    let both: Vec<_> = [new, gone].into_iter().flatten().collect();
+    write!(f, "port `{port}` is fed {}", both.join(", "))
 }
 
 /// The first of some names.
@@ -318,7 +332,7 @@ impl<'a> Inquiry<'a> {
             let ingredients = Some(run.body.ingredients(at));
             return Ok(Some(Before { ingredients, output: Some(output), failed, when: Some(when) }));
         }
-        let nearest = if self.hindsight { None } else { self.nearest(call)? };
+        let nearest = if self.hindsight || failed.is_some() { None } else { self.nearest(call)? };
         let (failed, when) = failed.map_or((None, None), |(message, when)| (Some(message), Some(when)));
         let found = nearest.is_some() || failed.is_some();
         Ok(found.then_some(Before { ingredients: nearest, output: None, failed, when }))

@@ -20,6 +20,7 @@ use super::memo;
 use super::record::{Read, Record, beside};
 use super::schedule::Cancel;
 use super::sources::Sources;
+use super::working::Stay;
 use crate::graph::{Call, Plan};
 
 /// What the coordinator asks of a worker.
@@ -52,6 +53,13 @@ pub(super) enum Done {
     Lacks(Vec<NodeIndex>),
     /// The node ran, and its output is stored.
     Computed(Box<Record>),
+}
+
+/// What an execution cost; see [`Record`].
+#[derive(Clone, Copy)]
+struct Cost {
+    seconds: f64,
+    working: Option<u64>,
 }
 
 /// Why a job did not get done.
@@ -130,10 +138,13 @@ impl Shared<'_> {
         let call = job.call();
         let result = catch_unwind(AssertUnwindSafe(|| match job {
             Job::Resolve { call, inputs } => self.resolve(call, &inputs),
-            Job::Load { call, digest } => Ok(match self.materialise(call, digest)? {
-                Some(_) => Done::Loaded,
-                None => Done::Lacks(vec![call]),
-            }),
+            Job::Load { call, digest } => {
+                let _stay = Stay::enter();
+                Ok(match self.materialise(call, digest)? {
+                    Some(_) => Done::Loaded,
+                    None => Done::Lacks(vec![call]),
+                })
+            }
             Job::Execute { call, inputs, ingredients } => self.execute(call, &inputs, ingredients),
         }));
         let result = result.unwrap_or_else(|panic| Err(Halt::Node(self.panicked(call, panic.as_ref()))));
@@ -211,6 +222,7 @@ impl Shared<'_> {
         inputs: &BTreeMap<NodeIndex, Digest>,
         ingredients: Arc<Ingredients>,
     ) -> Result<Done, Halt> {
+        let mut stay = Stay::enter();
         let (mut values, mut lacks) = (PortValues::default(), BTreeSet::new());
         for (wire, from) in wires(self.plan, call) {
             // What a failure left out; the coordinator lets that through to ports that do without only.
@@ -230,11 +242,12 @@ impl Shared<'_> {
         let (node, kind) = (self.plan.name(call).to_owned(), it.node.kind().to_owned());
         self.send(Report::Event(Event::Started { node, kind }));
         let host = NodeHost::new(self, call);
+        stay.begin();
         let start = Instant::now();
         let artefact = it.bound.run(&mut values, Context::new(&host))?;
-        let seconds = start.elapsed().as_secs_f64();
+        let cost = Cost { seconds: start.elapsed().as_secs_f64(), working: stay.gained() };
         drop(values);
-        let record = self.store(call, artefact, ingredients, seconds, host)?;
+        let record = self.store(call, artefact, ingredients, cost, host)?;
         Ok(Done::Computed(Box::new(record)))
     }
 
@@ -243,7 +256,7 @@ impl Shared<'_> {
         call: NodeIndex,
         artefact: Arc<dyn AnyArtefact>,
         ingredients: Arc<Ingredients>,
-        seconds: f64,
+        cost: Cost,
         host: NodeHost,
     ) -> Result<Record, Halt> {
         let output = self.plan.dag[call].node.output();
@@ -260,7 +273,8 @@ impl Shared<'_> {
             reads: unlock(host.reads).into_iter().collect(),
             digest,
             bytes: bytes.len() as u64,
-            seconds,
+            seconds: cost.seconds,
+            working: cost.working,
             when: millis(SystemTime::now()),
             figures: unlock(host.figures),
             defects: artefact.defects(),

@@ -106,6 +106,7 @@ fn push(left: &mut VecDeque<OsString>, path: &Path) {
 /// `mounts` is the text of `/proc/self/mountinfo`.
 #[must_use]
 pub fn is_remote(path: &Path, mounts: &str) -> bool {
+    // A program's file system is `fuse`, or `fuse.` and its name; `fuseblk` is a disk.
     const REMOTE: [&str; 16] = [
         "nfs", "cifs", "smb", "9p", "virtiofs", "afs", "ceph", "lustre", "gpfs", "beegfs", "pvfs2", "orangefs",
         "vboxsf", "prl_fs", "drvfs", "fuse.",
@@ -118,7 +119,7 @@ pub fn is_remote(path: &Path, mounts: &str) -> bool {
     };
     // Of mounts on one folder the last is in use.
     let deepest = mounts.lines().filter_map(mount).max_by_key(|(length, _)| *length);
-    deepest.is_some_and(|(_, kind)| REMOTE.iter().any(|remote| kind.starts_with(remote)))
+    deepest.is_some_and(|(_, kind)| kind == "fuse" || REMOTE.iter().any(|remote| kind.starts_with(remote)))
 }
 
 #[cfg(test)]
@@ -165,9 +166,11 @@ mod tests {
         let mounts = "22 1 8:1 / / rw - ext4 /dev/sda1 rw\n\
                       30 22 0:40 / /home/a\\040b rw,nosuid shared:1 - nfs4 host:/home rw\n\
                       31 30 0:41 / /home/a\\040b/local rw - tmpfs tmpfs rw\n\
-                      32 22 0:42 / /mnt rw - fuse.sshfs host: rw\n";
+                      32 22 0:42 / /mnt rw - fuse.sshfs host: rw\n\
+                      33 22 0:43 / /bound rw - fuse /home rw\n\
+                      34 22 8:2 / /disk rw - fuseblk /dev/sda2 rw\n";
         let remote = |path: &str| is_remote(Path::new(path), mounts);
-        assert!(remote("/home/a b/x/y") && remote("/mnt"));
+        assert!(remote("/home/a b/x/y") && remote("/mnt") && remote("/bound/x") && !remote("/disk"));
         assert!(!remote("/home/a b/local/x") && !remote("/home/other") && !remote("/mntx"));
     }
 }

@@ -72,6 +72,20 @@ fn the_text_names_the_node_its_cause_and_what_follows() {
     assert!(text.contains("plain -> factor[factor=3.0]\n  first diverge at double (scale)\n    param `factor` was 2.0, is 3.0\n  3 outputs differ, 1 are the same\n  double (scale)\n    total  8 -> 12 (+50.00 %)\n"), "{text}");
     assert!(text.contains("! a: duplicate vertex × 1, first at 2\n"), "{text}");
     assert!(text.contains("seconds\n"), "{text}");
+    // A name with a comma in it, and nodes that part alike.
+    desk.write(
+        "axis.ron",
+        "(format: 1, over: {\"shape\": files(\"?.txt\")}, nodes: {\"a\": read(path: each(\"shape\")), \
+         \"f\": scale(x: \"a\"), \"g\": slow(x: \"f\", millis: 1)}, show: [\"g\"], \
+         variants: {\"plain\": set({}), \"k\": sweep({\"f\": (factor: [3.0]), \"g\": (tag: [1])})})\n",
+    );
+    for name in ["b.txt", "c.txt", "d.txt"] {
+        desk.write(name, "3\n");
+    }
+    desk.write("e.txt", "4\n");
+    let axis = desk.ok(&["compare", "axis.ron", "--variants", "plain,k[factor=3.0,tag=1]"]);
+    let alike = "  first diverge at f[a], f[b], f[c] and 2 more (scale)\n    param `factor` was 2.0, is 3.0\n  and at g[a], g[b], g[c] and 2 more (slow)\n";
+    assert!(axis.contains(alike), "{axis}");
     let against = desk.ok(&["compare", "v.ron", "--against", "same"]);
     assert_eq!(against.matches("same -> ").count(), 3, "{against}");
     assert!(against.contains("same -> plain\n  no difference: 4 outputs the same\n"), "{against}");
@@ -171,6 +185,41 @@ fn runs_say_what_was_computed_and_why() {
     assert_eq!(desk.call(&["runs", "--why", "nothing"]).status.code(), Some(2));
 }
 
+/// `working_bytes` of the stage `slow` in the two columns of a comparison.
+fn working(desk: &Desk, args: &[&str]) -> [Option<u64>; 2] {
+    let found: Value = serde_json::from_str(&desk.ok(args)).unwrap();
+    let slow = found["stages"].as_array().unwrap().iter().find(|row| row["kind"] == "slow").unwrap().clone();
+    [0, 1].map(|side: usize| slow["costs"][side]["working_bytes"].as_u64())
+}
+
+#[test]
+fn memory_at_work_is_told_of_calls_that_worked_alone() {
+    if !std::path::Path::new("/proc/self/clear_refs").exists() {
+        println!("skipped: this system does not tell");
+        return;
+    }
+    let desk = desk();
+    desk.write(
+        "w.ron",
+        "(format: 1, base: \"g.ron\", variants: {\n\"little\": set({}), \"much\": set({\"slow\": (memory: 80)})})\n",
+    );
+    let call = ["compare", "w.ron", "--json"];
+    let [little, much] = working(&desk, &[&call[..], &["--jobs", "1"]].concat()).map(Option::unwrap);
+    assert!(little < 20 << 20 && (79 << 20..100 << 20).contains(&much), "{little} {much}");
+    // It stays known while the output is.
+    assert_eq!(working(&desk, &call), [Some(little), Some(much)]);
+    let shown = desk.ok(&["runs", "--run", "last"]);
+    assert!(shown.contains("at work") && shown.contains("MB"), "{shown}");
+    let table = desk.ok(&["compare", "w.ron", "--csv"]);
+    assert!(table.contains(&format!("much,,slow,working_bytes,{much}")), "{table}");
+    // Two at once: whose memory it was cannot be told.
+    let graph = "(format: 1, nodes: {\"a\": read(path: \"a.txt\"), \"s\": slow(x: \"a\", millis: 400, tag: 7), \
+        \"t\": slow(x: \"a\", millis: 400, tag: 8)}, show: [\"s\", \"t\"])";
+    desk.write("two.ron", graph);
+    desk.ok(&["run", "two.ron", "--jobs", "2"]);
+    assert_eq!(working(&desk, &["compare", "two.ron", "--json"]), [None, None]);
+}
+
 #[test]
 fn a_failing_variant_is_a_column_of_its_own() {
     let desk = desk();
@@ -215,4 +264,34 @@ fn what_failed_is_listed_at_the_end() {
     assert_eq!(events.last().unwrap()["failures"][0]["skipped"], 2);
     let fast = desk.call(&["run", "many.ron", "--fail-fast", "--jobs", "1"]);
     assert_eq!(fast.status.code(), Some(1));
+    // What failed is not one of the outputs that are the same, and that it failed is all there is to say.
+    desk.call(&["run", "many.ron"]);
+    let same = text(&desk.call(&["compare", "many.ron"]).stdout);
+    assert!(same.ends_with("  no difference: 22 outputs the same, 3 failed on both sides\n"), "{same}");
+    let why = desk.ok(&["plan", "many.ron", "--why", "a[m05]"]);
+    assert_eq!(why.lines().skip(1).collect::<Vec<_>>(), ["  it failed last time: `broken` is not a number"]);
+}
+
+#[test]
+fn long_lists_are_cut_to_what_matters() {
+    let desk = Desk::new(1);
+    desk.write(
+        "many.ron",
+        "(format: 1, over: {\"shape\": files(\"m*.txt\")}, nodes: {\"a\": read(path: each(\"shape\")), \
+         \"all\": sum(terms: all(\"a\"))}, show: [\"all\"])\n",
+    );
+    for i in 0..20 {
+        desk.write(&format!("m{i:02}.txt"), &format!("{i}\n"));
+    }
+    let plan = desk.ok(&["plan", "many.ron"]);
+    // In the order of the file, twelve of a kind.
+    assert!(plan.starts_with("miss               a[m00]  read"), "{plan}");
+    assert!(plan.contains("a[m11]") && !plan.contains("\nmiss               a[m12]"), "{plan}");
+    assert!(plan.ends_with("and 8 more of read: miss\n\n21 nodes: 1 depends on a miss, 20 miss\n"), "{plan}");
+    desk.ok(&["run", "many.ron"]);
+    std::fs::remove_file(desk.path("m03.txt")).unwrap();
+    desk.write("m30.txt", "30\n");
+    desk.write("m31.txt", "31\n");
+    let why = desk.ok(&["plan", "many.ron", "--why", "all"]);
+    assert!(why.ends_with("  port `terms` is fed also by a[m30], a[m31], no longer by a[m03]\n"), "{why}");
 }

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use serde_json::Value;
 
 use crate::real::{Real, SMALL};
+use crate::text;
 
 fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
@@ -106,4 +107,73 @@ fn a_renumbered_mesh_keeps_its_features_by_position() {
     // Every feature is found again, though every vertex has another number.
     let figures: Vec<_> = maxima["differences"].as_array().unwrap().iter().map(|it| it["figure"].clone()).collect();
     assert!(!figures.contains(&"features".into()), "{maxima}");
+}
+
+/// Signatures of four cats in two poses each by one of two alignments, ranked and judged. Poses are what these signatures
+/// confuse, so that the rankings differ from the nearest on.
+fn ranked(real: &Real) {
+    let shapes = (0..4).flat_map(|seed| [(seed, 0), (seed, 3)]);
+    let mut nodes = String::new();
+    let mut wires = Vec::new();
+    let mut folders = Vec::new();
+    for (i, (seed, pose)) in shapes.enumerate() {
+        nodes += &format!(
+            "\"m{i}\": synthesize(seed: {seed}, pose: {pose}, vertices: 500),\n\"s{i}\": view_signature(mesh: \"m{i}\"),\n"
+        );
+        wires.push(format!("\"s{i}\""));
+        folders.push(format!("(\"{i}\", \"cat {seed}\")"));
+    }
+    let graph = format!(
+        "(format: 1, nodes: {{{nodes} \"alike\": signature_similarity(signatures: [{}]), \"ranking\": rank(similarity: \"alike\"), \
+         \"metrics\": retrieval_metrics(ranking: \"ranking\", folders: [{}])}}, show: [\"metrics\", \"ranking\"])",
+        wires.join(", "),
+        folders.join(", ")
+    );
+    real.write("ranked.ron", graph);
+    let variants = "\"area\": set({}), \"normals\": set({\"s*\": (align: Normals)})";
+    real.write("aligned.ron", format!("(format: 1, base: \"ranked.ron\", variants: {{{variants}}})"));
+}
+
+#[test]
+fn ranks_and_figures_of_retrieval_are_compared() {
+    let real = Real::bare();
+    ranked(&real);
+    let found = real.json(&["compare", "aligned.ron", "--json"]);
+    let both = |node: &str| ["area", "normals"].map(|v| real.json(&["get", "aligned.ron", &format!("{v}:{node}")]));
+    let [a, b] = both("ranking").map(|ranking| -> Vec<Vec<String>> {
+        let list = |list: &Value| {
+            let all = list["ranked"].as_array().unwrap().iter();
+            all.map(|entry| entry["target"].as_str().unwrap().to_owned()).collect()
+        };
+        ranking["lists"].as_array().unwrap().iter().map(list).collect()
+    });
+    // Nearest, and the largest movement, by hand; lists of seven are all top.
+    let nearest = a.iter().zip(&b).filter(|(a, b)| a[0] != b[0]).count();
+    assert!(nearest > 0, "{a:?} {b:?}");
+    let told = difference(&found, "ranking", "nearest");
+    assert_eq!((told["size"].as_f64(), &told["details"]["queries"]), (Some(nearest as f64), &8.into()));
+    let moved = |(a, b): (&Vec<String>, &Vec<String>)| {
+        let ranks = a.iter().enumerate().map(|(i, name)| i.abs_diff(b.iter().position(|other| other == name).unwrap()));
+        ranks.max().unwrap()
+    };
+    let largest = a.iter().zip(&b).map(moved).max().unwrap();
+    let told = difference(&found, "ranking", "ranks");
+    let first = &told["details"]["movements"][0];
+    let apart = first["before"].as_u64().unwrap().abs_diff(first["now"].as_u64().unwrap());
+    assert_eq!((told["size"].as_f64(), apart), (Some(largest as f64), largest as u64));
+    // Figures: those that differ, with both values.
+    let [a, b] = both("metrics");
+    let mut differing = 0;
+    for (figure, key) in [("NN", "nn"), ("first tier", "first_tier"), ("DCG", "dcg"), ("mAP", "map")] {
+        if a[key] != b[key] {
+            let told = difference(&found, "metrics", figure);
+            assert_eq!(told["values"], serde_json::json!([a[key], b[key]]), "{figure}");
+            differing += 1;
+        }
+    }
+    assert!(differing > 0, "{a} {b}");
+    let lines = text(&real.ok(&["compare", "aligned.ron", "--csv=differences"]));
+    assert!(lines.contains("area,normals,ranking,rank,nearest,"), "{lines}");
+    let told = text(&real.ok(&["compare", "aligned.ron"]));
+    assert!(told.contains(&format!("another for {nearest} of 8 queries")), "{told}");
 }

@@ -248,15 +248,20 @@ pub struct SlowParams {
     /// Makes calls differ.
     #[serde(default)]
     tag: u32,
+    /// How much memory it fills meanwhile, in MiB.
+    #[serde(default)]
+    memory: usize,
 }
 
 node!(Slow, "slow", "Takes its time.", SlowParams, X, |p, i, cx| {
     let (start, all) = (Instant::now(), Duration::from_millis(p.millis));
+    let filled = vec![1_u8; p.memory << 20];
     while start.elapsed() < all {
         cx.check()?;
         cx.progress(start.elapsed().as_secs_f64() / all.as_secs_f64());
         std::thread::sleep(Duration::from_millis(2));
     }
+    std::hint::black_box(&filled);
     Ok(numbers(i.x.values.iter().map(|x| x + f64::from(p.tag)).collect()))
 });
 

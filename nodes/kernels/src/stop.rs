@@ -22,6 +22,12 @@ impl<'a> Pace<'a> {
         Self { stop, every, left: Cell::new(0), stopped: Cell::new(false) }
     }
 
+    /// Asks now: before or after a stretch that has no units.
+    pub fn ends_now(&self) -> bool {
+        self.left.set(0);
+        self.ends()
+    }
+
     /// Counts a unit of work; true once all is to end.
     pub fn ends(&self) -> bool {
         if self.left.get() > 0 {

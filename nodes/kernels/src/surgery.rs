@@ -193,13 +193,16 @@ impl Surgery {
 
     /// The live edges, lower end first, ascending.
     pub(crate) fn edges(&self) -> Vec<[u32; 2]> {
-        let live = self.faces.iter().zip(&self.alive).filter(|(_, alive)| **alive);
-        // Packed into one word each, they sort faster.
-        let pack = |a: u32, b: u32| u64::from(a.min(b)) << 32 | u64::from(a.max(b));
-        let mut edges: Vec<u64> = live.flat_map(|(&[a, b, c], _)| [pack(a, b), pack(b, c), pack(c, a)]).collect();
-        edges.sort_unstable();
-        edges.dedup();
-        edges.into_iter().map(|e| [(e >> 32) as u32, e as u32]).collect()
+        let (mut edges, mut ends) = (Vec::with_capacity(self.faces.len() * 3 / 2), Vec::new());
+        for (v, star) in self.star.iter().enumerate() {
+            let v = v as u32;
+            ends.clear();
+            ends.extend(star.iter().flat_map(|&f| self.faces[f as usize]).filter(|w| *w > v));
+            ends.sort_unstable();
+            ends.dedup();
+            edges.extend(ends.iter().map(|w| [v, *w]));
+        }
+        edges
     }
 
     /// The live vertices, ascending, and the live faces over their new numbers.

@@ -1,7 +1,8 @@
 //! Every node stops soon after the run was stopped.
 //!
 //! The test counts questions, not time: a node that is told to stop at any of its questions asks hardly another one, and on larger input it
-//! asks more often. How long the longest stretch between two questions is, is measured by
+//! asks more often. How long the longest stretch between two questions is, in wall time and in processor time (which tells of a machine that
+//! does other things as well), is measured by
 //! `SALIENT_CANCEL_VERTICES=50000 cargo test --release -p salient-nodes --test pipeline cancel -- --nocapture`.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -100,23 +101,51 @@ struct Probe {
     host: TestHost,
     asked: AtomicUsize,
     stop_at: usize,
-    /// The last question, and the longest stretch without one.
-    quiet: Mutex<(Instant, Duration)>,
+    begun: Instant,
+    /// The longest stretches without a question, if they are measured.
+    quiet: Option<Mutex<Quiet>>,
+}
+
+/// The last question, and the longest stretch without one: wall time, and processor time of the thread.
+#[derive(Clone, Copy)]
+struct Quiet {
+    last: [Duration; 2],
+    longest: [Duration; 2],
+}
+
+impl Quiet {
+    fn new(origin: Instant) -> Self {
+        Self { last: clocks(origin), longest: [Duration::ZERO; 2] }
+    }
+
+    fn note(&mut self, origin: Instant) {
+        let now = clocks(origin);
+        self.longest = [0, 1].map(|i: usize| self.longest[i].max(now[i].saturating_sub(self.last[i])));
+        self.last = now;
+    }
+}
+
+/// Wall time since a moment, and processor time of this thread since it began (zero where the system does not tell).
+#[expect(clippy::disallowed_methods, reason = "a host, not a node")]
+fn clocks(origin: Instant) -> [Duration; 2] {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    let nanoseconds = text.split(' ').next().and_then(|first| first.parse().ok()).unwrap_or(0);
+    [origin.elapsed(), Duration::from_nanos(nanoseconds)]
 }
 
 impl Probe {
     #[expect(clippy::disallowed_methods, reason = "a host, not a node")]
-    fn new(file: &[u8], stop_at: usize) -> Self {
-        let quiet = Mutex::new((Instant::now(), Duration::ZERO));
+    fn new(file: &[u8], stop_at: usize, measured: bool) -> Self {
+        let begun = Instant::now();
+        let quiet = measured.then(|| Mutex::new(Quiet::new(begun)));
         let host = TestHost::with_workers(0).file("path", file);
-        Self { host, asked: AtomicUsize::new(0), stop_at, quiet }
+        Self { host, asked: AtomicUsize::new(0), stop_at, begun, quiet }
     }
 
-    #[expect(clippy::disallowed_methods, reason = "a host, not a node")]
     fn note(&self) {
-        let mut quiet = self.quiet.lock().unwrap();
-        let now = Instant::now();
-        *quiet = (now, quiet.1.max(now - quiet.0));
+        if let Some(quiet) = &self.quiet {
+            quiet.lock().unwrap().note(self.begun);
+        }
     }
 
     fn asked(&self) -> usize {
@@ -150,6 +179,7 @@ impl Host for Probe {
 struct Bench {
     made: BTreeMap<&'static str, Arc<dyn AnyArtefact>>,
     file: Vec<u8>,
+    measured: bool,
 }
 
 impl Bench {
@@ -161,7 +191,7 @@ impl Bench {
         for (port, from) in *wires {
             inputs.push(port, from, self.made[from].clone());
         }
-        let probe = Probe::new(&self.file, stop_at);
+        let probe = Probe::new(&self.file, stop_at, self.measured);
         let output = node.run(&mut inputs, Context::new(&probe));
         probe.note();
         (output, probe)
@@ -193,15 +223,17 @@ const LAST_QUESTIONS: usize = 8;
 #[expect(clippy::disallowed_methods, reason = "a test may be told to measure")]
 fn every_node_stops_soon() {
     let measured = std::env::var("SALIENT_CANCEL_VERTICES").ok().map(|n| n.parse::<usize>().unwrap());
-    let mut bench = Bench { made: BTreeMap::new(), file: Vec::new() };
+    let mut bench = Bench { made: BTreeMap::new(), file: Vec::new(), measured: measured.is_some() };
     let mut driven = BTreeSet::new();
     for step in steps(measured.unwrap_or(500)) {
         let (name, kind) = (step.0, step.1);
         let (output, probe) = bench.run(&step, usize::MAX);
         let total = probe.asked();
-        if measured.is_some() {
-            let longest = probe.quiet.lock().unwrap().1;
-            println!("{name:14} {kind:24} {total:6} questions, longest stretch {longest:?}");
+        if let Some(quiet) = &probe.quiet {
+            let [wall, cpu] = quiet.lock().unwrap().longest;
+            println!(
+                "{name:14} {kind:24} {total:6} questions, longest stretch {wall:8.1?}, {cpu:8.1?} of processor time"
+            );
         } else {
             assert!(total > 0, "{name}: {kind} never asks whether it should stop");
             for at in BTreeSet::from([1, total / 2, total]) {

@@ -15,11 +15,12 @@ struct Grid {
     level: Vec<f64>,
 }
 
-/// A mesh under construction; `on_edge` holds the vertex of each grid edge, seven edges starting at each grid point.
+/// A mesh under construction; `on_edge` holds the vertex of each grid edge, seven edges starting at each point of the two
+/// layers of the grid that the march is between, by the layer's parity.
 struct Output {
     vertices: Vec<[f64; 3]>,
     faces: Vec<[u32; 3]>,
-    on_edge: Vec<u32>,
+    on_edge: [Vec<u32>; 2],
 }
 
 /// Meshes the zero level of `level` within the box `low`..`high`, outside which it must be positive, as it must be
@@ -35,11 +36,14 @@ pub(crate) fn march(
 ) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
     let pace = Pace::new(stop, 1);
     let grid = Grid::new(level, |p, r| pace.ends() || clear(p, r), (low, high), cell, (turn, offset));
-    let mut out = Output { vertices: Vec::new(), faces: Vec::new(), on_edge: vec![NONE; grid.level.len() * 7] };
+    let layer = || vec![NONE; grid.size[0] * grid.size[1] * 7];
+    let mut out = Output { vertices: Vec::new(), faces: Vec::new(), on_edge: [layer(), layer()] };
     for k in 0..grid.size[2] - 1 {
         if pace.ends() {
             break;
         }
+        // The layer above is new, in the place of the one that was left.
+        out.on_edge[(k + 1) % 2].fill(NONE);
         for j in 0..grid.size[1] - 1 {
             for i in 0..grid.size[0] - 1 {
                 grid.cube([i, j, k], &mut out);
@@ -159,13 +163,15 @@ impl Grid {
     fn cut(&self, a: (usize, usize), b: (usize, usize), out: &mut Output) -> u32 {
         let (low, high) = if a.0 < b.0 { (a, b) } else { (b, a) };
         // The difference of corner bits, 1 to 7, names the edge's direction.
-        let slot = low.1 * 7 + (high.0 - low.0) - 1;
-        if out.on_edge[slot] == NONE {
-            out.on_edge[slot] = out.vertices.len() as u32;
+        let layer = self.size[0] * self.size[1];
+        let slot = (low.1 % layer) * 7 + (high.0 - low.0) - 1;
+        let on_edge = &mut out.on_edge[low.1 / layer % 2][slot];
+        if *on_edge == NONE {
+            *on_edge = out.vertices.len() as u32;
             let (x, y) = (self.level[low.1], self.level[high.1]);
             let t = (x / (x - y)).clamp(0.1, 0.9);
             out.vertices.push(lerp(self.point(low.1), self.point(high.1), t));
         }
-        out.on_edge[slot]
+        *on_edge
     }
 }

@@ -111,14 +111,14 @@ pub fn generate_until(params: &CreatureParams, stop: Stop) -> Result<Creature, C
     let cell = spacing.min(1.1 * surface.thinnest());
     let (vertices, faces) =
         grid::march(|p| surface.level(p), |p, r| surface.clear(p, r), surface.bounds(), cell, frame, stop);
+    let go_on = || if stop() { Err(CreatureError::Cancelled) } else { Ok(()) };
     let mesh = Remesher::new(&surface, &motions, &vertices, &faces, stop).run(params.vertices);
-    if stop() {
-        return Err(CreatureError::Cancelled);
-    }
+    go_on()?;
     let census = topology::census(&mesh.posed, &mesh.faces).map_err(CreatureError::Mesh)?;
     if !census.is_closed_manifold() || census.euler != [2] {
         return Err(CreatureError::NotASphere);
     }
+    go_on()?;
     let nearest = NearestVertex::new(&mesh.rest);
     let landmark =
         |&(name, near): &(&'static str, [f64; 3])| nearest.nearest(surface.project(near)).map(|(v, _)| (name, v));

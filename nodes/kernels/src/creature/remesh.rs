@@ -112,15 +112,18 @@ impl<'a> Remesher<'a> {
 
     /// The edges whose squared magnified length is in `range`, ascending.
     fn by_length(&self, range: std::ops::Range<f64>) -> Vec<(f64, [u32; 2])> {
-        if self.pace.ends() {
+        if self.pace.ends_now() {
             return Vec::new();
         }
         let all = self.mesh.edges();
-        if self.pace.ends() {
+        if self.pace.ends_now() {
             return Vec::new();
         }
         let measured = all.into_iter().map(|[a, b]| (self.length2(a, b), [a, b]));
         let mut edges: Vec<(f64, [u32; 2])> = measured.filter(|(length2, _)| range.contains(length2)).collect();
+        if self.pace.ends_now() {
+            return Vec::new();
+        }
         edges.sort_unstable_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
         edges
     }
@@ -191,6 +194,9 @@ impl<'a> Remesher<'a> {
     fn flip(&mut self) {
         for _ in 0..4 {
             let mut flipped = false;
+            if self.pace.ends_now() {
+                return;
+            }
             for [a, b] in self.mesh.edges() {
                 if self.pace.ends() {
                     return;

@@ -3,6 +3,7 @@
 //! The area is moved to its centre, scaled to unit root mean square distance and spread over shells by distance. On each shell, the norm of its
 //! part of each degree does not change when the shape is turned or mirrored.
 
+use crate::stop::{NEVER, Pace, Stop};
 use crate::vec3::{distance, norm, scale, sub};
 
 /// Highest degree.
@@ -19,12 +20,19 @@ const POINTS: usize = 12_000;
 /// Norms by shell, from inside to outside, and on each by degree, from 0 to [`DEGREES`].
 #[must_use]
 pub fn harmonics(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Vec<f64> {
+    harmonics_until(vertices, faces, NEVER)
+}
+
+/// The same, until `stop`: incomplete then.
+#[must_use]
+pub fn harmonics_until(vertices: &[[f64; 3]], faces: &[[u32; 3]], stop: Stop) -> Vec<f64> {
     let points = super::samples(vertices, faces, POINTS);
     let middle = super::centre(&points);
     let rms = points.iter().map(|(p, w)| w * distance(*p, middle).powi(2)).sum::<f64>().sqrt();
     let mut sums = vec![[0.0; WIDTH]; SHELLS];
     let mut basis = [0.0; WIDTH];
-    for (p, weight) in &points {
+    let pace = Pace::new(stop, 4096);
+    for (p, weight) in points.iter().take_while(|_| !pace.ends()) {
         let p = scale(sub(*p, middle), 1.0 / rms.max(f64::MIN_POSITIVE));
         let r = norm(p);
         real_harmonics(if r > 1e-12 { scale(p, 1.0 / r) } else { [0.0, 0.0, 1.0] }, &mut basis);
