@@ -18,7 +18,8 @@
 //! each candidate `a` bounds its share by a linear assignment problem over its row `w_a.` (a *star*), and one linear assignment over
 //! `c_a + star_a` combines them (`bound`). Any split gives a valid bound. A good one comes from the relaxation's dual, solved
 //! approximately by restarted primal-dual hybrid gradient in floating point (`relax`); children start where their parent ended. Slacks of
-//! the assignment problems exclude candidates and pairs of them. Branching is on a feature of either side, best bound first (`tree`).
+//! the assignment problems exclude candidates and pairs of them. Branching is on a feature of either side, best bound first (`tree`); branches that are images of each
+//! other are searched once (`symmetry`).
 //!
 //! **Rounding.** Floating point only *proposes* splits. The bound itself is computed in `i64`: scores are multiplied by a power of two (exact)
 //! and rounded *up*, so that the integer objective of each assignment is at or above its true one, and no sum afterwards rounds at all. A proved
@@ -44,6 +45,7 @@ pub mod qaplib;
 mod relax;
 mod solve;
 mod sub;
+mod symmetry;
 mod synthetic;
 mod tables;
 mod tabu;

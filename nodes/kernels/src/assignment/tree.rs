@@ -8,6 +8,7 @@ use super::evolve::Evolution;
 use super::model::Model;
 use super::solve::{Limits, StopReason};
 use super::sub::{Branch, Sub};
+use super::symmetry::Symmetry;
 use crate::stop::Stop;
 
 /// Best bound first, then deeper first, then first made.
@@ -25,6 +26,8 @@ struct Open {
 pub(super) struct Tree<'a> {
     dual: &'a Model,
     pub heuristic: Evolution<'a>,
+    /// Not used where several solutions are wanted, as images of each other are different ones.
+    symmetry: Option<Symmetry>,
     limits: &'a Limits,
     /// Ends the search with what it has; throws it away.
     stop: Stop<'a>,
@@ -59,6 +62,7 @@ impl<'a> Tree<'a> {
         Self {
             dual,
             heuristic,
+            symmetry: if limits.solutions <= 1 { Symmetry::new(dual) } else { None },
             limits,
             stop,
             cancelled,
@@ -233,7 +237,7 @@ impl<'a> Tree<'a> {
     }
 
     fn expand(&mut self, sub: Sub, bound: i64) {
-        let mut options = sub.branches(self.threshold());
+        let mut options = sub.branches(self.threshold(), self.dual, self.symmetry.as_ref());
         if options.is_empty() {
             return;
         }
