@@ -178,7 +178,7 @@ pub struct IqpMatch;
 
 impl Node for IqpMatch {
     const KIND: &'static str = "iqp_match";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const DOC: &'static str = "The correspondence of two shapes' features that best agrees in descriptors, relative geodesic distances and scales \
         (eq. 19-26), by branch and bound with a proved upper bound.";
     const EXAMPLE: &'static str = r#"
@@ -329,6 +329,17 @@ fn unsolvable(e: SolveError) -> NodeError {
     }
 }
 
+/// Workers of the run for the parts of the heuristics. What a cancelled run leaves out is never looked at.
+fn lent(cx: Context) -> impl Fn(usize, &(dyn Fn(usize) + Sync)) {
+    move |n, call| {
+        let all: Vec<usize> = (0..n).collect();
+        let _ = cx.map(&all, |_, i| {
+            call(*i);
+            Ok(())
+        });
+    }
+}
+
 fn solve(problem: &Problem, limit: Limit, cx: Context) -> Result<Solution, NodeError> {
     let (node_limit, seconds) = match limit {
         Limit::Nodes(n) => (n, f64::INFINITY),
@@ -338,7 +349,8 @@ fn solve(problem: &Problem, limit: Limit, cx: Context) -> Result<Solution, NodeE
     let cancelled = || cx.cancelled();
     let progress = |p: &assignment::Progress| cx.progress(p.nodes as f64 / node_limit as f64);
     let limits = Limits { node_limit, ..Limits::default() };
-    let control = Control { stop: &stop, cancelled: &cancelled, progress: &progress };
+    let spread = lent(cx);
+    let control = Control { stop: &stop, cancelled: &cancelled, progress: &progress, spread: &spread };
     let solution = assignment::solve(problem, &limits, &control).map_err(unsolvable)?;
     cx.record("nodes", solution.nodes);
     Ok(solution)

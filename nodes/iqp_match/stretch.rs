@@ -12,6 +12,9 @@ const STEP: f64 = 0.1;
 /// Distances below this share of the unit say little about the factor.
 const SHORT: f64 = 0.2;
 
+/// Rounds of the heuristics for each factor.
+const ROUNDS: usize = 40;
+
 /// The factor up to `params.stretch`, or its inverse, whose best match scores highest by the heuristics; the one nearest to 1
 /// among equals. Refined once, by the median ratio of the distances that the match compares.
 pub(super) fn search(left: &Features, right: &Features, params: &Params, cx: Context) -> Result<f64, NodeError> {
@@ -48,7 +51,7 @@ pub(super) fn factors(params: &Params) -> Vec<f64> {
 fn score(left: &Features, right: &Features, params: &Params, log: f64, cx: Context) -> Result<(f64, f64), NodeError> {
     let model = Model::new(left, right, params, log.exp(), cx)?;
     let problem = model.problem(cx)?;
-    let limits = Limits { node_limit: 0, root_rounds: 0, starts: 2, ..Limits::default() };
+    let limits = Limits { node_limit: 0, root_rounds: 0, starts: ROUNDS, ..Limits::default() };
     let stop = || cx.cancelled();
     let control = Control { cancelled: &stop, ..Control::default() };
     let found = assignment::solve(&problem, &limits, &control).map_err(super::unsolvable)?;

@@ -18,6 +18,8 @@ use super::model::Model;
 pub(crate) const NEAR: f64 = 0.2;
 /// Rounds of search.
 const ROUNDS: usize = 2;
+/// Rounds of the heuristics in each.
+const STARTS: usize = 200;
 /// Passes of the improvement; each changes something, and a few are enough.
 const PASSES: usize = 100;
 
@@ -66,7 +68,7 @@ pub(super) fn search(
 
 /// The best match under a fine on candidates in `before`, improved without it.
 fn another(model: &Model, problem: &Problem, before: &[bool], fine: f64, cx: Context) -> Result<Vec<usize>, NodeError> {
-    let limits = Limits { node_limit: 0, root_rounds: 0, ..Limits::default() };
+    let limits = Limits { node_limit: 0, root_rounds: 0, starts: STARTS, ..Limits::default() };
     let stop = || cx.cancelled();
     let control = Control { cancelled: &stop, ..Control::default() };
     let (mut fined, mut twin) = (before.to_vec(), Vec::new());

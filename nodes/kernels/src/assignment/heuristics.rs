@@ -1,10 +1,12 @@
 //! Primal heuristics, each callable by itself: an assignment, and no bound. Deterministic; where there is chance, it has a seed.
 
 use super::canonical::Canonical;
+use super::evolve::Evolution;
 use super::lap::Lap;
 use super::model::Model;
 use super::problem::{Problem, ProblemBuilder};
 use super::solve::{Control, Limits, solve};
+use super::tables::Tables;
 use super::tabu::Search;
 use crate::stop::NEVER;
 
@@ -48,7 +50,8 @@ impl<'a> Heuristics<'a> {
     /// Insertion of the candidate with the best gain, plus an estimate of what it will still earn, until none gains.
     #[must_use]
     pub fn greedy(&self) -> Option<Proposal> {
-        let mut search = Search::new(&self.model, 0, 1);
+        let tables = Tables::new(&self.model);
+        let mut search = Search::new(&tables, 0, 1);
         search.construct().then(|| self.best_of(&search))?
     }
 
@@ -125,18 +128,21 @@ impl<'a> Heuristics<'a> {
         best.into_iter().chain([last]).reduce(|a, b| if b.objective > a.objective { b } else { a })
     }
 
-    /// Tabu search over insertions that eject what they conflict with: `runs` runs, each until `idle` moves bring no improvement. The first
-    /// starts from `from`, or from the greedy assignment; later ones from the best, disturbed.
+    /// Tabu search over insertions that eject what they conflict with: from `from`, or from the greedy assignment, then `rounds` rounds of the
+    /// heuristic search of [`solve()`] (many short searches that start between good assignments; not from `from`), each until `idle` moves bring no improvement.
     #[must_use]
-    pub fn tabu(&self, from: Option<&Proposal>, runs: usize, idle: usize, seed: u64) -> Option<Proposal> {
-        let mut search = Search::new(&self.model, seed, 1);
+    pub fn tabu(&self, from: Option<&Proposal>, rounds: usize, idle: usize, seed: u64) -> Option<Proposal> {
+        let tables = Tables::new(&self.model);
+        let mut search = Evolution::new(&tables, seed, 1, Control::default().spread);
         if let Some(from) = from {
-            search.polish(&self.variables(from)?, idle, NEVER);
+            search.search.polish(&self.variables(from)?, idle, NEVER);
+        } else if !search.first(idle, NEVER) {
+            return None;
         }
-        for run in usize::from(from.is_some())..runs {
-            search.run(run, idle, NEVER);
+        while search.rounds < rounds {
+            search.advance(rounds - search.rounds, idle);
         }
-        self.best_of(&search)
+        self.best_of(&search.search)
     }
 
     /// Fusion of proposals: the best assignment made of their candidates only, by branch and bound on those, within `node_limit` nodes. Never

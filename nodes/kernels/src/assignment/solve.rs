@@ -4,9 +4,10 @@ use std::cell::Cell;
 use std::fmt;
 
 use super::canonical::Canonical;
+use super::evolve::Evolution;
 use super::model::Model;
 use super::problem::Problem;
-use super::tabu::Search;
+use super::tables::Tables;
 use super::tree::Tree;
 use crate::stop::{NEVER, Stop};
 
@@ -21,9 +22,10 @@ pub struct Limits {
     pub node_rounds: usize,
     /// Iterations of the relaxation between two evaluations of the bound.
     pub iterations: usize,
-    /// Runs of the tabu search: one before the root's bound, the others among the first nodes. Those left at the node limit are made then.
+    /// Rounds of the heuristic search (`evolve`), each a short tabu search. One is made before the root's bound; all the others during it where
+    /// that leaves a wide gap, else a few for every node. Those left at the node limit are made then. Easy problems need none of them.
     pub starts: usize,
-    /// Moves without improvement that end a run.
+    /// Moves without improvement that end a round.
     pub idle_moves: usize,
     /// Seed of the tabu search.
     pub seed: u64,
@@ -42,8 +44,8 @@ impl Default for Limits {
             root_rounds: 30,
             node_rounds: 4,
             iterations: 40,
-            starts: 60,
-            idle_moves: 300,
+            starts: 3000,
+            idle_moves: 100,
             seed: 0,
             solutions: 1,
             memory: 256 << 20,
@@ -51,7 +53,7 @@ impl Default for Limits {
     }
 }
 
-/// State of the search: after each run of the heuristics and after each node.
+/// State of the search: after some rounds of the heuristics and after each node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Progress {
     /// Nodes so far.
@@ -64,6 +66,9 @@ pub struct Progress {
     pub proved: bool,
 }
 
+/// Calls a function for every index below a number, in any order, perhaps several at a time; returns when all are done.
+pub type Spread<'a> = &'a dyn Fn(usize, &(dyn Fn(usize) + Sync));
+
 /// The caller's hooks. The kernel reads no clock: a time limit is a `stop` that reads one, and its results are then not reproducible.
 pub struct Control<'a> {
     /// Asked often (per sweep, and every few moves); on `true` the search ends with the best found and its valid bound.
@@ -71,13 +76,15 @@ pub struct Control<'a> {
     /// Asked more often, and before there is anything to return, too; once true (and from then on), the search ends with
     /// [`SolveError::Cancelled`].
     pub cancelled: Stop<'a>,
-    /// Called after each run of the heuristics and after each node.
+    /// Called after some rounds of the heuristics and after each node.
     pub progress: &'a dyn Fn(&Progress),
+    /// Lends threads: independent parts of the heuristic search go through it. The result is the same for any number of threads.
+    pub spread: Spread<'a>,
 }
 
 impl Default for Control<'_> {
     fn default() -> Self {
-        Self { stop: NEVER, cancelled: NEVER, progress: &|_| {} }
+        Self { stop: NEVER, cancelled: NEVER, progress: &|_| {}, spread: &|n, call| (0..n).for_each(call) }
     }
 }
 
@@ -135,7 +142,7 @@ pub struct Solution {
     pub upper_bound: f64,
     /// The bound at the root.
     pub root_bound: f64,
-    /// Objective before branching: of the first run of the heuristics and what the root's bound led to.
+    /// Objective before branching: of the heuristics and what the root's bound led to.
     pub heuristic_objective: f64,
     /// The assignment is optimal, up to [`Self::resolution`].
     pub proved: bool,
@@ -188,20 +195,23 @@ pub fn solve(problem: &Problem, limits: &Limits, control: &Control) -> Result<So
         let upper_bound = upper.map_or(f64::INFINITY, |u| dual.to_real(u).max(objective));
         (control.progress)(&Progress { nodes, objective, upper_bound, proved: upper.is_some_and(|u| u <= best.0) });
     };
-    let mut heuristic = Search::new(&primal, limits.seed, limits.solutions);
-    // With no run wanted, the greedy assignment is still there.
+    let tables = Tables::new(&primal);
+    let mut heuristic = Evolution::new(&tables, limits.seed, limits.solutions, control.spread);
+    // With no round wanted, the greedy assignment is still there.
     let halts = || (control.stop)() || (control.cancelled)();
-    heuristic.run(0, if limits.starts == 0 { 0 } else { limits.idle_moves }, &halts);
+    if !heuristic.first(if limits.starts == 0 { 0 } else { limits.idle_moves }, &halts) {
+        return Err(SolveError::Infeasible);
+    }
     go_on()?;
-    report(0, heuristic.pool().best().ok_or(SolveError::Infeasible)?, None);
+    report(0, heuristic.search.pool().best().ok_or(SolveError::Infeasible)?, None);
     let mut tree = Tree::new(&dual, heuristic, limits, (&halts, control.cancelled), &report);
     let root_bound = tree.root();
     go_on()?;
-    let before = tree.heuristic.pool().best().map_or(0.0, |b| objective(b.1));
+    let before = tree.heuristic.search.pool().best().map_or(0.0, |b| objective(b.1));
     let stop = tree.search();
     go_on()?;
     tree.tell();
-    let (best, set) = tree.heuristic.pool().best().ok_or(SolveError::Infeasible)?;
+    let (best, set) = tree.heuristic.search.pool().best().ok_or(SolveError::Infeasible)?;
     let ranked = |set: &[u32]| {
         let candidates = set.iter().map(|&a| canonical.source[a as usize]).collect();
         Ranked { objective: objective(set), candidates: problem.in_order(candidates) }
@@ -217,7 +227,7 @@ pub fn solve(problem: &Problem, limits: &Limits, control: &Control) -> Result<So
         resolution: dual.resolution(&canonical),
         nodes: tree.nodes,
         nodes_to_best: tree.nodes_to_best,
-        ranked: tree.heuristic.pool().sets().iter().map(|s| ranked(&s.1)).collect(),
+        ranked: tree.heuristic.search.pool().sets().iter().map(|s| ranked(&s.1)).collect(),
         reproducible: stop != StopReason::Stopped,
         stop,
         objective: first.objective,

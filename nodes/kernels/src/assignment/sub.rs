@@ -3,6 +3,7 @@
 use super::lap::FORBIDDEN;
 use super::model::Model;
 use super::relax::Guide;
+use super::symmetry::Symmetry;
 
 /// A branch of a subproblem.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -160,9 +161,14 @@ impl Sub {
     }
 
     /// The branches on the feature whose branches have the lowest bounds, best bound first. Call after [`Self::ascend`].
-    pub fn branches(&self, threshold: i64) -> Vec<(i64, Branch)> {
+    /// Of branches that are images of each other under a `symmetry` one is given.
+    pub fn branches(&self, threshold: i64, m: &Model, symmetry: Option<&Symmetry>) -> Vec<(i64, Branch)> {
         let mut best: Option<(i64, Vec<(i64, Branch)>)> = None;
-        let mut consider = |options: Vec<(i64, Branch)>| {
+        let mut consider = |mut options: Vec<(i64, Branch)>, of_left: bool| {
+            if let Some(symmetry) = symmetry {
+                options.sort_by_key(|o| o.0);
+                self.merge(&mut options, m, symmetry, of_left);
+            }
             // What is left to search below; measured to give half as many nodes as the sum of squares.
             let weight: i64 = options.iter().map(|o| (o.0 - threshold).max(0)).fold(0, i64::saturating_add);
             if best.as_ref().is_none_or(|b| weight < b.0) {
@@ -179,7 +185,7 @@ impl Sub {
             if !self.mandatory {
                 options.push((self.bound - self.u[k], Branch::DropLeft(k as u32)));
             }
-            consider(options);
+            consider(options, true);
         }
         let mut of_right: Vec<Vec<(i64, Branch)>> = vec![Vec::new(); self.n_right];
         (0..self.vars.len()).filter(|&a| self.alive(a)).for_each(|a| of_right[self.right[a] as usize].push(take(a)));
@@ -191,12 +197,28 @@ impl Sub {
             if !all_used {
                 options.push((self.bound - self.v[l], Branch::DropRight(l as u32)));
             }
-            consider(options);
+            consider(options, false);
         }
         let mut options = best.map(|b| b.1).unwrap_or_default();
         options.retain(|o| o.0 > threshold);
         options.sort_by_key(|o| std::cmp::Reverse(o.0));
         options
+    }
+
+    /// Keeps the first of the options, all on one left or all on one right, that symmetries take to each other.
+    fn merge(&self, options: &mut Vec<(i64, Branch)>, m: &Model, symmetry: &Symmetry, of_left: bool) {
+        let feature = |v: u32| if of_left { m.right[v as usize] } else { m.left[v as usize] };
+        let fixed: Vec<u32> = self.fixed.iter().map(|&v| feature(v)).collect();
+        let mut kept: Vec<u32> = Vec::new();
+        options.retain(|(_, branch)| {
+            let Branch::Take(a) = *branch else { return true };
+            let own = feature(self.vars[a as usize]);
+            let new = !kept.iter().any(|&other| symmetry.exchanges(!of_left, &fixed, own, other));
+            if new {
+                kept.push(own);
+            }
+            new
+        });
     }
 
     /// The subproblem of a branch.

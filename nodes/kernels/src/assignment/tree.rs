@@ -4,10 +4,11 @@ use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
 use super::bound::{Ascent, Outcome, Scratch};
+use super::evolve::Evolution;
 use super::model::Model;
 use super::solve::{Limits, StopReason};
 use super::sub::{Branch, Sub};
-use super::tabu::Search;
+use super::symmetry::Symmetry;
 use crate::stop::Stop;
 
 /// Best bound first, then deeper first, then first made.
@@ -24,7 +25,9 @@ struct Open {
 
 pub(super) struct Tree<'a> {
     dual: &'a Model,
-    pub heuristic: Search<'a>,
+    pub heuristic: Evolution<'a>,
+    /// Not used where several solutions are wanted, as images of each other are different ones.
+    symmetry: Option<Symmetry>,
     limits: &'a Limits,
     /// Ends the search with what it has; throws it away.
     stop: Stop<'a>,
@@ -38,9 +41,9 @@ pub(super) struct Tree<'a> {
     open: BTreeMap<Key, Open>,
     newest: BTreeMap<u64, Key>,
     made: u64,
+    /// Bound of the root while it is worked on; below all others before and after.
+    root: i64,
     pub nodes: u64,
-    /// Runs of tabu search so far.
-    runs: usize,
     /// Nodes when the best assignment was found.
     pub nodes_to_best: u64,
 }
@@ -51,7 +54,7 @@ const EAGER: u64 = 16;
 impl<'a> Tree<'a> {
     pub fn new(
         dual: &'a Model,
-        heuristic: Search<'a>,
+        heuristic: Evolution<'a>,
         limits: &'a Limits,
         (stop, cancelled): (Stop<'a>, Stop<'a>),
         report: &'a Report<'a>,
@@ -59,6 +62,7 @@ impl<'a> Tree<'a> {
         Self {
             dual,
             heuristic,
+            symmetry: if limits.solutions <= 1 { Symmetry::new(dual) } else { None },
             limits,
             stop,
             cancelled,
@@ -70,19 +74,19 @@ impl<'a> Tree<'a> {
             open: BTreeMap::new(),
             newest: BTreeMap::new(),
             made: 0,
+            root: i64::MIN,
             nodes: 0,
-            runs: 1,
             nodes_to_best: 0,
         }
     }
 
     fn best(&self) -> i64 {
-        self.heuristic.pool().best().map_or(i64::MIN / 4, |b| b.0)
+        self.heuristic.search.pool().best().map_or(i64::MIN / 4, |b| b.0)
     }
 
     /// Bounds at or below this cannot hold an assignment that is wanted, since objectives are multiples of `step`.
     fn threshold(&self) -> i64 {
-        self.heuristic.pool().threshold() + self.dual.step - 1
+        self.heuristic.search.pool().threshold() + self.dual.step - 1
     }
 
     /// Largest possible objective at or below a bound.
@@ -91,7 +95,7 @@ impl<'a> Tree<'a> {
     }
 
     pub fn upper(&self) -> i64 {
-        self.open.keys().next().map_or(i64::MIN, |k| k.0.0).max(self.best())
+        self.open.keys().next().map_or(self.root, |k| k.0.0).max(self.best())
     }
 
     /// Bounds the root, round by round, and opens it or its branches; returns its bound.
@@ -109,11 +113,15 @@ impl<'a> Tree<'a> {
             step = (2 * step).min(rounds - done);
             bound = self.ascend(&mut sub, step, 100, before);
             done += step;
+            // Too wide for the bound alone: whatever is found now prunes from the start.
+            self.root = bound.unwrap_or(i64::MIN);
+            self.starts(|tree| tree.wide(tree.upper(), 10));
             let missing = before - self.threshold();
             if bound.is_some_and(|b| (before - b).saturating_mul(100) < missing) {
                 break;
             }
         }
+        self.root = i64::MIN;
         let value = bound.map_or(self.best(), |b| self.floor(b).max(self.best()));
         if let Some(bound) = bound {
             if self.limits.node_limit == 0 {
@@ -126,17 +134,16 @@ impl<'a> Tree<'a> {
         value
     }
 
-    /// The runs of tabu search after the first: one for every few nodes, since easy problems need none of them. All if `rest`, or where many
-    /// nodes are to be expected.
-    fn starts(&mut self, rest: bool) {
-        let wide = |tree: &Self| tree.upper().saturating_sub(tree.best()) > tree.best().saturating_abs() / 50;
-        while self.runs < self.limits.starts && (rest || wide(self) || self.nodes >= 4 * self.runs as u64) {
-            if self.upper() <= self.threshold() || (self.stop)() {
-                return;
-            }
+    /// Whether a bound is above the best by more than one part in `parts`.
+    fn wide(&self, bound: i64, parts: i64) -> bool {
+        bound.saturating_sub(self.best()) > self.best().saturating_abs() / parts
+    }
+
+    /// Rounds of the heuristics as long as there are some left, and `wanted`.
+    fn starts(&mut self, wanted: impl Fn(&Self) -> bool) {
+        while self.heuristic.rounds < self.limits.starts && wanted(self) && !(self.stop)() {
             let before = self.best();
-            self.heuristic.run(self.runs, self.limits.idle_moves, self.stop);
-            self.runs += 1;
+            self.heuristic.advance(self.limits.starts - self.heuristic.rounds, self.limits.idle_moves);
             if self.best() > before {
                 self.nodes_to_best = self.nodes;
             }
@@ -157,7 +164,11 @@ impl<'a> Tree<'a> {
                 return StopReason::Stopped;
             }
             let ends = self.nodes >= self.limits.node_limit;
-            self.starts(ends);
+            // Easy problems need hardly any: a few for every node, all where many nodes are to be expected.
+            self.starts(|tree| {
+                let open = tree.upper() > tree.threshold();
+                open && (ends || tree.wide(tree.upper(), 50) || tree.nodes >= tree.heuristic.rounds as u64)
+            });
             if ends && first.0.0 > self.threshold() {
                 return StopReason::NodeLimit;
             }
@@ -217,7 +228,7 @@ impl<'a> Tree<'a> {
         let eager = self.nodes < EAGER || self.nodes.is_multiple_of(8);
         let before = self.best();
         let moves = if self.nodes <= 1 { 4 * self.dual.n_left } else { self.dual.n_left };
-        self.heuristic.polish(&set, if eager { moves } else { 0 }, self.stop);
+        self.heuristic.search.polish(&set, if eager { moves } else { 0 }, self.stop);
         if self.best() > before {
             self.nodes_to_best = self.nodes;
         }
@@ -226,7 +237,7 @@ impl<'a> Tree<'a> {
     }
 
     fn expand(&mut self, sub: Sub, bound: i64) {
-        let mut options = sub.branches(self.threshold());
+        let mut options = sub.branches(self.threshold(), self.dual, self.symmetry.as_ref());
         if options.is_empty() {
             return;
         }
@@ -253,7 +264,7 @@ impl<'a> Tree<'a> {
 
     /// Reports the present state.
     pub fn tell(&self) {
-        if let Some(best) = self.heuristic.pool().best() {
+        if let Some(best) = self.heuristic.search.pool().best() {
             (self.report)(self.nodes, best, Some(self.upper()));
         }
     }
