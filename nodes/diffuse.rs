@@ -2,14 +2,27 @@
 //!
 //! Manifold ranking (Zhou, Weston, Gretton, Bousquet & Schölkopf 2003): the nearest neighbours of each shape make a graph with weights
 //! w(i, j) = exp(-d(i, j)² / s_i s_j), s_i the mean distance to the neighbours of i; with D its degrees, and P = D^-1/2 W D^-1/2, the result is
-//! (1 - alpha) (I - alpha P)^-1. It looks at no label, but at the whole database: a shape's rank depends on what else there is.
+//! (1 - alpha) (I - alpha P)^-1. It looks at no label, but at the whole database: a shape's rank depends on what else there is. What is much the same
+//! to the whole neighbourhood of a query need not be so to the query itself, so diffused values may be multiplied with a similarity of
+//! each two by themselves (`local`): without it, the nearest of all is lost now and then.
 
-use salient_sdk::{Context, Node, NodeError};
+use std::sync::Arc;
+
+use salient_sdk::{Context, Inputs, Node, NodeError, Port, PortValues};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::fuse::greatest;
-use crate::similarity::{Similarity, Single};
+use crate::similarity::Similarity;
+
+/// What the weights of links are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Links {
+    /// exp(-d(i, j)² / s_i s_j).
+    Distances,
+    /// The similarity itself, of which no value is negative.
+    Given,
+}
 
 /// Params of [`Diffuse`].
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -21,13 +34,37 @@ pub struct Params {
     /// How far similarity spreads: 0 is not at all. 0 to 0.99, default 0.8.
     #[schemars(range(min = 0.0, max = 0.99))]
     pub alpha: f64,
+    /// Weights of links: by `Distances` (default) from the greatest similarity, over those of the nearest ones; or the similarity as it is `Given`.
+    pub links: Links,
 }
 
 impl Default for Params {
     fn default() -> Self {
-        Self { neighbours: 10, alpha: 0.8 }
+        Self { neighbours: 10, alpha: 0.8, links: Links::Distances }
     }
 }
+
+/// A database against itself.
+pub struct In {
+    similarity: Arc<Similarity>,
+    local: Option<Arc<Similarity>>,
+}
+
+impl Inputs for In {
+    const PORTS: &'static [Port] = &[
+        Port::one::<Similarity>("similarity", "how alike the shapes of a database are"),
+        Port::optional::<Similarity>(
+            "local",
+            "how alike each two are by themselves, at least 0: a factor of the diffused similarity",
+        ),
+    ];
+    fn take(from: &mut PortValues) -> Result<Self, NodeError> {
+        Ok(Self { similarity: from.one("similarity")?, local: from.optional("local")? })
+    }
+}
+
+/// Least diffused similarity that `local` is multiplied with, so that it orders what nothing links with the query.
+const UNLINKED: f64 = 1e-9;
 
 /// The node.
 pub struct Diffuse;
@@ -46,21 +83,37 @@ impl Node for Diffuse {
         "spread": diffuse(similarity: "alike"),
     "#;
     type Params = Params;
-    type Inputs = Single;
+    type Inputs = In;
     type Output = Similarity;
 
-    fn run(params: &Params, Single { similarity }: Single, cx: Context) -> Result<Similarity, NodeError> {
+    fn run(params: &Params, In { similarity, local }: In, cx: Context) -> Result<Similarity, NodeError> {
         if !similarity.is_square() {
             return Err(NodeError::new(
                 "the queries are not the targets: only a database against itself can be diffused",
             )
             .help("gather the same shapes as queries and targets"));
         }
-        let graph = Graph::new(&similarity, params.neighbours as usize);
+        let negative = |s: &Similarity| s.values.iter().any(|v| *v < 0.0);
+        if params.links == Links::Given && negative(&similarity) {
+            return Err(NodeError::new(format!("{} has negative values, which are no weights", similarity.measure))
+                .help("use `links: Distances`"));
+        }
+        if let Some(local) = &local {
+            similarity.must_fit(local)?;
+            if negative(local) {
+                return Err(NodeError::new(format!("`local` ({}) has negative values", local.measure))
+                    .help("fuse it with `scale: Neighbours`"));
+            }
+        }
+        let graph = Graph::new(&similarity, params.neighbours as usize, params.links);
         let columns: Vec<usize> = (0..similarity.queries.len()).collect();
         let rows = cx.map(&columns, |_, &i| {
             cx.check()?;
-            Ok(graph.spread(i, params.alpha))
+            let mut row = graph.spread(i, params.alpha);
+            if let Some(local) = &local {
+                row.iter_mut().zip(local.row(i)).for_each(|(x, near)| *x = x.max(UNLINKED) * near);
+            }
+            Ok(row)
         })?;
         Ok(Similarity {
             measure: format!("{}, diffused", similarity.measure),
@@ -75,7 +128,7 @@ impl Node for Diffuse {
 struct Graph(Vec<Vec<(usize, f64)>>);
 
 impl Graph {
-    fn new(of: &Similarity, neighbours: usize) -> Self {
+    fn new(of: &Similarity, neighbours: usize, links: Links) -> Self {
         let n = of.queries.len();
         let most = greatest(of);
         // The mean of both ways, as a shortlist or a search may have found different ones.
@@ -94,7 +147,10 @@ impl Graph {
             (sum / nearest[i].len().max(1) as f64).max(f64::MIN_POSITIVE)
         };
         let reaches: Vec<f64> = (0..n).map(reach).collect();
-        let weight = |i: usize, j: usize| (-(distance(i, j) / reaches[i]) * (distance(i, j) / reaches[j])).exp();
+        let weight = |i: usize, j: usize| match links {
+            Links::Distances => (-(distance(i, j) / reaches[i]) * (distance(i, j) / reaches[j])).exp(),
+            Links::Given => 0.5 * (of.row(i)[j] + of.row(j)[i]),
+        };
         let mut rows: Vec<Vec<(usize, f64)>> = vec![Vec::new(); n];
         for (i, near) in nearest.iter().enumerate() {
             for &j in near {
@@ -148,8 +204,6 @@ impl Graph {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use salient_sdk::testing::TestHost;
 
     use super::*;
@@ -167,11 +221,12 @@ mod tests {
             compared: None,
             missing: vec!["z".into()],
         };
-        let graph = Graph::new(&line, 2);
+        let graph = Graph::new(&line, 2, Links::Distances);
         let alpha = 0.9;
         let similarity = Arc::new(line);
-        let spread =
-            TestHost::default().run::<Diffuse>(&Params { neighbours: 2, alpha }, Single { similarity }).unwrap();
+        let spread = TestHost::default()
+            .run::<Diffuse>(&Params { neighbours: 2, alpha, ..Params::default() }, In { similarity, local: None })
+            .unwrap();
         assert_eq!(spread.missing, ["z"]);
         for i in 0..5 {
             for k in 0..5 {

@@ -1,7 +1,9 @@
 //! `fuse`: several similarities made one.
 //!
-//! Each is turned into distances from its greatest value, over their mean, so that units do not matter; the fused value is the negative
-//! weighted mean. Shapes that one of them lacks are left out, and listed.
+//! Each is turned into distances from its greatest value. By `Mean`, these are divided by their mean, so that units do not matter, and the fused value is
+//! the negative weighted mean. By `Neighbours`, each becomes a weight exp(-d(q, t)² / s_q s_t), s the mean distance to the nearest ones (self-tuning:
+//! Zelnik-Manor & Perona 2004), and the fused value is their weighted mean: a measure counts where it finds something near, and is silent
+//! elsewhere, so each query has those decide that know something about it. Shapes that one of them lacks are left out, and listed.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -12,17 +14,37 @@ use serde::{Deserialize, Serialize};
 
 use crate::similarity::{Similarity, united};
 
+/// What the distances of a measure are compared with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Scale {
+    /// Their mean over all pairs.
+    Mean,
+    /// Those of the nearest ones of query and target.
+    Neighbours,
+}
+
 /// Params of [`Fuse`].
-#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Params {
     /// Weight of each similarity, in the order of the wires; each at least 0. Default: 1 for all.
     pub weights: Vec<f64>,
+    /// What distances are compared with: `Mean` (default) of all pairs; or those of the nearest `Neighbours`, and what is far counts no more.
+    pub scale: Scale,
+    /// How many nearest ones, for `Neighbours`. At least 1, default 10.
+    #[schemars(range(min = 1))]
+    pub neighbours: u32,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self { weights: Vec::new(), scale: Scale::Mean, neighbours: 10 }
+    }
 }
 
 /// Similarities of the same shapes.
 pub struct In {
-    similarities: Vec<Arc<Similarity>>,
+    pub(crate) similarities: Vec<Arc<Similarity>>,
 }
 
 impl Inputs for In {
@@ -39,7 +61,7 @@ pub struct Fuse;
 impl Node for Fuse {
     const KIND: &'static str = "fuse";
     const VERSION: u32 = 1;
-    const DOC: &'static str = "Several similarities made one: the weighted mean of their distances, each over its own mean. Shapes that one of them lacks are \
+    const DOC: &'static str = "Several similarities made one: the weighted mean of their distances, each over its own mean, or of weights by their nearest ones. Shapes that one of them lacks are \
         left out and listed.";
     const EXAMPLE: &'static str = r#"
         "a":     synthesize(pose: 0),
@@ -70,33 +92,98 @@ impl Node for Fuse {
             let message = format!("{} weights, summing to {total}, for {count} similarities", weights.len());
             return Err(NodeError::new(message).help("give one weight for each, not all 0"));
         }
-        let queries = common(&similarities, |s| &s.queries);
-        let targets = common(&similarities, |s| &s.targets);
+        let shared = Shared::of(&similarities)?;
+        let mut values = vec![0.0; shared.queries.len() * shared.targets.len()];
+        for (s, weight) in similarities.iter().zip(&weights) {
+            let distances = shared.distances(s);
+            let share = weight / total;
+            match params.scale {
+                Scale::Mean => {
+                    let unit = mean_distance(s);
+                    values.iter_mut().zip(&distances).for_each(|(v, d)| *v -= share * d / unit);
+                }
+                Scale::Neighbours => {
+                    let near = shared.self_tuned(&distances, params.neighbours as usize);
+                    values.iter_mut().zip(&near).for_each(|(v, w)| *v += share * w);
+                }
+            }
+        }
+        let used = similarities.iter().zip(&weights).filter(|(_, w)| **w > 0.0);
+        let names: Vec<&str> = used.map(|(s, _)| s.measure.as_str()).collect();
+        Ok(shared.similarity(names.join(" + "), values))
+    }
+}
+
+/// What several similarities have in common.
+pub(crate) struct Shared {
+    /// Queries that all have, in the order of the first.
+    pub queries: Vec<String>,
+    /// Targets that all have, in the order of the first.
+    pub targets: Vec<String>,
+    compared: Option<Vec<u32>>,
+    missing: Vec<String>,
+}
+
+impl Shared {
+    pub fn of(all: &[Arc<Similarity>]) -> Result<Self, NodeError> {
+        let queries = common(all, |s| &s.queries);
+        let targets = common(all, |s| &s.targets);
         if queries.is_empty() || targets.is_empty() {
             return Err(NodeError::new("no shape is in all of the similarities"));
         }
-        let mut values = vec![0.0; queries.len() * targets.len()];
-        let mut missing = Vec::new();
-        let mut compared: Option<Vec<u32>> = None;
-        for (s, weight) in similarities.iter().zip(&weights) {
+        let mut shared = Self { queries, targets, compared: None, missing: Vec::new() };
+        for s in all {
             let lost =
                 |all: &[String], kept: &[String]| all.iter().filter(|n| !kept.contains(n)).cloned().collect::<Vec<_>>();
-            missing = united(&missing, &s.missing);
-            missing = united(&missing, &united(&lost(&s.queries, &queries), &lost(&s.targets, &targets)));
-            let (rows, columns) = (places(&s.queries, &queries), places(&s.targets, &targets));
-            let width = s.targets.len();
-            let at: Vec<usize> = rows.iter().flat_map(|r| columns.iter().map(move |c| r * width + c)).collect();
-            let unit = mean_distance(s);
-            let most = greatest(s);
-            values.iter_mut().zip(&at).for_each(|(v, i)| *v -= weight / total * (most - s.values[*i]) / unit);
+            let lost = united(&lost(&s.queries, &shared.queries), &lost(&s.targets, &shared.targets));
+            shared.missing = united(&shared.missing, &united(&s.missing, &lost));
             if let Some(of) = &s.compared {
-                let all = compared.get_or_insert_with(|| vec![1; at.len()]);
+                let at = shared.entries(s);
+                let all = shared.compared.get_or_insert_with(|| vec![1; at.len()]);
                 all.iter_mut().zip(&at).for_each(|(c, i)| *c &= of[*i]);
             }
         }
-        let names: Vec<&str> =
-            similarities.iter().zip(&weights).filter(|(_, w)| **w > 0.0).map(|(s, _)| s.measure.as_str()).collect();
-        Ok(Similarity { measure: names.join(" + "), queries, targets, values, compared, missing })
+        Ok(shared)
+    }
+
+    /// Where the common pairs are among the values of one of them.
+    fn entries(&self, s: &Similarity) -> Vec<usize> {
+        let (rows, columns) = (places(&s.queries, &self.queries), places(&s.targets, &self.targets));
+        let width = s.targets.len();
+        rows.iter().flat_map(|r| columns.iter().map(move |c| r * width + c)).collect()
+    }
+
+    /// Distances of the common pairs from the greatest value of all.
+    pub fn distances(&self, s: &Similarity) -> Vec<f64> {
+        let most = greatest(s);
+        self.entries(s).into_iter().map(|i| most - s.values[i]).collect()
+    }
+
+    /// exp(-d(q, t)² / s_q s_t), with s the mean distance to the nearest ones of another name.
+    pub fn self_tuned(&self, distances: &[f64], neighbours: usize) -> Vec<f64> {
+        let width = self.targets.len();
+        let reach = |of: &mut dyn Iterator<Item = (bool, f64)>| {
+            let mut others: Vec<f64> = of.filter(|(other, _)| *other).map(|(_, d)| d).collect();
+            others.sort_by(f64::total_cmp);
+            others.truncate(neighbours);
+            (others.iter().sum::<f64>() / others.len().max(1) as f64).max(f64::MIN_POSITIVE)
+        };
+        let of_query =
+            |q: usize| reach(&mut (0..width).map(|t| (self.queries[q] != self.targets[t], distances[q * width + t])));
+        let of_target = |t: usize| {
+            let column =
+                (0..self.queries.len()).map(|q| (self.queries[q] != self.targets[t], distances[q * width + t]));
+            reach(&mut { column })
+        };
+        let rows: Vec<f64> = (0..self.queries.len()).map(of_query).collect();
+        let columns: Vec<f64> = (0..width).map(of_target).collect();
+        distances.iter().enumerate().map(|(i, d)| (-(d / rows[i / width]) * (d / columns[i % width])).exp()).collect()
+    }
+
+    /// The fused similarity of these values.
+    pub fn similarity(self, measure: String, values: Vec<f64>) -> Similarity {
+        let Self { queries, targets, compared, missing } = self;
+        Similarity { measure, queries, targets, values, compared, missing }
     }
 }
 

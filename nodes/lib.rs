@@ -1,5 +1,6 @@
 //! The stages of spectral shape analysis as dataflow nodes, one file each, and the list of them all.
 
+pub mod bag_of_features;
 pub mod cut;
 pub mod differences;
 pub mod diffuse;
@@ -14,10 +15,12 @@ pub mod laplacian;
 pub mod load;
 pub mod match_all;
 pub mod maxima;
+pub mod network_fusion;
 pub mod orient_match;
 pub mod pair_scores;
 pub mod patch_extract;
 pub mod patch_spectrum;
+pub mod point_signature;
 pub mod rank;
 pub mod reconstruct;
 pub mod reconstruction_energy;
@@ -35,12 +38,14 @@ pub mod synthesize;
 pub mod synthesize_object;
 pub mod truth;
 pub mod views;
+pub mod vocabulary;
 pub mod volume_signature;
 
 use salient_sdk::AnyNode;
 
 /// All nodes of this package.
 pub static NODES: &[&dyn AnyNode] = &[
+    &bag_of_features::BagOfFeatures,
     &cut::Cut,
     &diffuse::Diffuse,
     &eigensolve::Eigensolve,
@@ -54,9 +59,12 @@ pub static NODES: &[&dyn AnyNode] = &[
     &load::Load,
     &match_all::MatchAll,
     &maxima::Maxima,
+    &network_fusion::NetworkFusion,
     &orient_match::OrientMatch,
+    &volume_signature::PanoramaSignature,
     &patch_extract::PatchExtract,
     &patch_spectrum::PatchSpectrum,
+    &point_signature::PointSignature,
     &rank::Rank,
     &reconstruct::Reconstruct,
     &reconstruction_energy::ReconstructionEnergy,
@@ -70,6 +78,7 @@ pub static NODES: &[&dyn AnyNode] = &[
     &synthesize::Synthesize,
     &synthesize_object::SynthesizeObject,
     &volume_signature::ViewSignature,
+    &vocabulary::MakeVocabulary,
     &volume_signature::VolumeSignature,
     &spectral_signature::WaveSignature,
 ];

@@ -64,10 +64,7 @@ impl Node for HeatSignature {
     type Output = Signature;
 
     fn run(params: &Params, Spectral { basis }: Spectral, cx: Context) -> Result<Signature, NodeError> {
-        let [from, to] = TIMES.map(f64::ln);
-        let weights = |lambda: f64, step: f64| (-lambda * (from + step * (to - from)).exp()).exp();
-        // The constant eigenfunction is left out: it is the same for all.
-        Ok(Signature { kind: "heat kernel".into(), values: pooled(&basis, params, weights, cx)? })
+        Ok(Signature { kind: "heat kernel".into(), values: pooled(&basis, params, Kernel::Heat, cx)? })
     }
 }
 
@@ -89,45 +86,73 @@ impl Node for WaveSignature {
     type Output = Signature;
 
     fn run(params: &Params, Spectral { basis }: Spectral, cx: Context) -> Result<Signature, NodeError> {
-        let [from, to] = ENERGIES;
-        let sigma = WIDTH * (to - from) / f64::from(params.steps - 1);
-        let weights = |lambda: f64, step: f64| {
-            let off = (lambda.ln() - from - step * (to - from)) / sigma;
-            // Without the normalisation by their sum, so that the density of eigenvalues counts too.
-            (-0.5 * off * off).exp()
-        };
-        Ok(Signature { kind: "wave kernel".into(), values: pooled(&basis, params, weights, cx)? })
+        Ok(Signature { kind: "wave kernel".into(), values: pooled(&basis, params, Kernel::Wave, cx)? })
     }
 }
 
-/// The logarithm of sum weight(lambda_k area, step) phi_k² area, pooled, for steps from 0 to 1.
-fn pooled(
-    basis: &Eigenpairs,
-    params: &Params,
-    weight: impl Fn(f64, f64) -> f64 + Sync,
-    cx: Context,
-) -> Result<Vec<f64>, NodeError> {
-    let area: f64 = basis.mass.iter().sum();
-    let above_zero: Vec<usize> = (0..basis.values.len()).filter(|k| basis.values[*k] > 0.0).collect();
-    if above_zero.is_empty() {
-        return Err(NodeError::new("the basis has no eigenvalue above zero").help("ask `eigensolve` for more `pairs`"));
-    }
-    let steps: Vec<f64> = (0..params.steps).map(|i| f64::from(i) / f64::from(params.steps - 1)).collect();
-    let rows = cx.map(&steps, |_, step| {
-        let mut field = vec![0.0; basis.mass.len()];
-        for k in &above_zero {
-            let w = area * weight(basis.values[*k] * area, *step);
-            field.iter_mut().zip(basis.vector(*k)).for_each(|(f, phi)| *f += w * phi * phi);
-        }
-        let log = |x: f64| x.max(FLOOR).ln();
-        Ok(match params.pool {
-            Pool::Average => {
-                vec![log(field.iter().zip(&basis.mass).map(|(f, m)| f * m).sum::<f64>() / area)]
+/// A point signature.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Kernel {
+    /// The heat kernel signature.
+    Heat,
+    /// The wave kernel signature.
+    Wave,
+}
+
+impl Kernel {
+    /// The weight of an eigenvalue times the area in step `at` of `steps`.
+    fn weight(self, lambda: f64, at: u32, steps: u32) -> f64 {
+        let share = f64::from(at) / f64::from(steps - 1);
+        match self {
+            Self::Heat => {
+                let [from, to] = TIMES.map(f64::ln);
+                (-lambda * (from + share * (to - from)).exp()).exp()
             }
-            Pool::Quantiles => quantiles(&field, &basis.mass).into_iter().map(log).collect(),
+            Self::Wave => {
+                let [from, to] = ENERGIES;
+                let sigma = WIDTH * (to - from) / f64::from(steps - 1);
+                let off = (lambda.ln() - from - share * (to - from)) / sigma;
+                // Without the normalisation by their sum, so that the density of eigenvalues counts too.
+                (-0.5 * off * off).exp()
+            }
+        }
+    }
+
+    /// The sum of weight(lambda_k area) phi_k² area at every vertex, for each step. The constant eigenfunction is left out: it is the same for all.
+    pub(crate) fn fields(self, basis: &Eigenpairs, steps: u32, cx: Context) -> Result<Vec<Vec<f64>>, NodeError> {
+        let area: f64 = basis.mass.iter().sum();
+        let above_zero: Vec<usize> = (0..basis.values.len()).filter(|k| basis.values[*k] > 0.0).collect();
+        if above_zero.is_empty() {
+            return Err(
+                NodeError::new("the basis has no eigenvalue above zero").help("ask `eigensolve` for more `pairs`")
+            );
+        }
+        let all: Vec<u32> = (0..steps).collect();
+        cx.map(&all, |_, at| {
+            cx.check()?;
+            let mut field = vec![0.0; basis.mass.len()];
+            for k in &above_zero {
+                let w = area * self.weight(basis.values[*k] * area, *at, steps);
+                field.iter_mut().zip(basis.vector(*k)).for_each(|(f, phi)| *f += w * phi * phi);
+            }
+            Ok(field)
         })
-    })?;
-    Ok(rows.concat())
+    }
+}
+
+/// The logarithm of a value of a point signature, which nothing near zero should decide.
+pub(crate) fn log(x: f64) -> f64 {
+    x.max(FLOOR).ln()
+}
+
+/// The logarithms of a point signature, pooled, step by step.
+fn pooled(basis: &Eigenpairs, params: &Params, kernel: Kernel, cx: Context) -> Result<Vec<f64>, NodeError> {
+    let area: f64 = basis.mass.iter().sum();
+    let pool = |field: &Vec<f64>| match params.pool {
+        Pool::Average => vec![log(field.iter().zip(&basis.mass).map(|(f, m)| f * m).sum::<f64>() / area)],
+        Pool::Quantiles => quantiles(field, &basis.mass).into_iter().map(log).collect(),
+    };
+    Ok(kernel.fields(basis, params.steps, cx)?.iter().flat_map(pool).collect())
 }
 
 /// Values below this are as good as zero, and their logarithm should not decide anything.

@@ -1,9 +1,10 @@
-//! `volume_signature` and `view_signature`: what a shape looks like in space. They know nothing of bending, so they tell rigid objects apart that
+//! `volume_signature`, `view_signature` and `panorama_signature`: what a shape looks like in space. They know nothing of bending, so they tell rigid objects apart that
 //! intrinsic signatures confuse, and confuse poses that intrinsic ones do not.
 
 use std::sync::Arc;
 
 use salient_kernels::signature::harmonics::harmonics_until;
+use salient_kernels::signature::panorama::panorama;
 use salient_kernels::signature::views::{self, views};
 use salient_sdk::{Context, Inputs, Mesh, Node, NodeError, Port, PortValues};
 use schemars::JsonSchema;
@@ -62,7 +63,17 @@ pub enum Align {
     Normals,
 }
 
-/// Params of [`ViewSignature`].
+impl Align {
+    /// For the kernels, and for the kind of the signature.
+    fn named(self) -> (views::Align, &'static str) {
+        match self {
+            Self::Area => (views::Align::Area, "area"),
+            Self::Normals => (views::Align::Normals, "normals"),
+        }
+    }
+}
+
+/// Params of [`ViewSignature`] and [`PanoramaSignature`].
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ViewParams {
@@ -94,10 +105,29 @@ impl Node for ViewSignature {
 
     fn run(params: &ViewParams, In { mesh }: In, cx: Context) -> Result<Signature, NodeError> {
         cx.check()?;
-        let (kind, align) = match params.align {
-            Align::Area => ("views by area", views::Align::Area),
-            Align::Normals => ("views by normals", views::Align::Normals),
-        };
-        Ok(Signature { kind: kind.into(), values: views(&mesh.vertices, &mesh.faces, align) })
+        let (align, by) = params.align.named();
+        Ok(Signature { kind: format!("views by {by}"), values: views(&mesh.vertices, &mesh.faces, align) })
+    }
+}
+
+/// The node of panoramic views.
+pub struct PanoramaSignature;
+
+impl Node for PanoramaSignature {
+    const KIND: &'static str = "panorama_signature";
+    const VERSION: u32 = 1;
+    const DOC: &'static str = "What a surface looks like from its principal axes, all around: low frequencies of its distance and facing on cylinders (after         Papadakis et al. 2010).";
+    const EXAMPLE: &'static str = r#"
+        "mesh":      synthesize(),
+        "signature": panorama_signature(mesh: "mesh", align: Area),
+    "#;
+    type Params = ViewParams;
+    type Inputs = In;
+    type Output = Signature;
+
+    fn run(params: &ViewParams, In { mesh }: In, cx: Context) -> Result<Signature, NodeError> {
+        cx.check()?;
+        let (align, by) = params.align.named();
+        Ok(Signature { kind: format!("panorama by {by}"), values: panorama(&mesh.vertices, &mesh.faces, align) })
     }
 }

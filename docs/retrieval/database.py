@@ -1,6 +1,6 @@
-"""Writes the synthetic database to a folder, as FOLDER/chair/chair-3.off and so on: N (1 to 20) individuals of each of 20 families.
+"""Writes the synthetic database to a folder, as FOLDER/chair/chair-3.off and so on: N individuals of each of 20 families, from 0 or from FIRST.
 
-    python docs/retrieval/database.py FOLDER N [salient's arguments: --set vertices=2500 --cache DIR ...]
+    python docs/retrieval/database.py FOLDER N[+FIRST] [salient's arguments: --set vertices=2500 --cache DIR ...]
 """
 import os
 import pathlib
@@ -10,11 +10,13 @@ import sys
 root = pathlib.Path(__file__).resolve().parents[2]
 salient = os.environ.get("SALIENT", str(root / "target/release/salient"))
 graph = root / "graphs/synthetic_database.ron"
-folder, count, arguments = pathlib.Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3:]
+folder, arguments = pathlib.Path(sys.argv[1]), sys.argv[3:]
+count, first = (int(x) for x in (sys.argv[2] + "+0").split("+")[:2])
 
 quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
 words = graph.read_text().split('"models": [')[1].split("]")[0].replace(",", " ").replace('"', " ").split()
-models = [model for model in words if int(model.split("-")[1]) < count]
+families = [model.split("-")[0] for model in words if model.endswith("-0")]
+models = [f"{family}-{first + i}" for family in families for i in range(count)]
 arguments += ["--set", "models=[" + ", ".join(f'"{model}"' for model in models) + "]"]
 subprocess.run([salient, "run", graph, *arguments], check=True, **quiet)
 for model in models:

@@ -22,8 +22,9 @@ else:
 assert all(glob.glob(p) for p in patterns), patterns
 shapes = "shapes=files(" + ", ".join(f'"{os.path.abspath(p)}"' for p in patterns) + ")"
 rows = {
-    "default: fused and diffused": "metrics", "fused, not diffused": "fused_metrics", "salient features alone": "salient_metrics",
-    "ShapeDNA": "dna_metrics", "WKS": "wave_metrics", "HKS": "heat_metrics", "views": "view_metrics", "spherical harmonics": "volume_metrics",
+    "default": "metrics", "fused alone": "fused_metrics", "salient features": "salient_metrics", "ShapeDNA": "dna_metrics",
+    "WKS, bag of features": "bag_metrics", "WKS, quantiles": "wave_metrics", "HKS, quantiles": "heat_metrics",
+    "panoramas": "panorama_metrics", "views": "view_metrics", "spherical harmonics": "volume_metrics",
 }
 print("| by | NN | first tier | second tier | E | DCG | mAP |\n|---|---|---|---|---|---|---|")
 for title, node in rows.items():

@@ -74,6 +74,11 @@ fn steps(n: usize) -> Vec<Step> {
         ("cat_1", "volume_signature", vec![], &[("mesh", "b")]),
         ("chair_0", "volume_signature", vec![], &[("mesh", "object")]),
         ("view", "view_signature", vec![], &[("mesh", "a")]),
+        ("panorama", "panorama_signature", vec![], &[("mesh", "a")]),
+        ("points", "point_signature", vec![], &[("basis", "basis")]),
+        ("points_b", "point_signature", vec![], &[("basis", "basis_b")]),
+        ("words", "vocabulary", vec![], &[("points", "points"), ("points", "points_b")]),
+        ("bag", "bag_of_features", vec![], &[("points", "points"), ("vocabulary", "words")]),
         (
             "alike",
             "signature_similarity",
@@ -81,6 +86,7 @@ fn steps(n: usize) -> Vec<Step> {
             &[("signatures", "cat_0"), ("signatures", "cat_1"), ("signatures", "chair_0")],
         ),
         ("fused", "fuse", vec![], &[("similarities", "alike"), ("similarities", "alike")]),
+        ("network", "network_fusion", vec![], &[("similarities", "alike"), ("similarities", "alike")]),
         ("spread", "diffuse", vec![], &[("similarity", "alike")]),
         ("list", "shortlist", vec![("count", text("1"))], &[("similarity", "alike")]),
         (

@@ -13,6 +13,7 @@ mod registry;
 mod repeatability;
 mod retrieval;
 mod shapes;
+mod signatures;
 mod spectral;
 
 use std::sync::Arc;

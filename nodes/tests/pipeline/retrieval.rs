@@ -194,7 +194,7 @@ fn fusing_is_free_of_units_and_leaves_out_what_one_lacks() {
         for s in all {
             port.push("similarities", "", Arc::clone(s) as Arc<dyn salient_sdk::AnyArtefact>);
         }
-        TestHost::default().run_wired::<Fuse>(&fuse::Params { weights: weights.to_vec() }, port)
+        TestHost::default().run_wired::<Fuse>(&fuse::Params { weights: weights.to_vec(), ..defaults() }, port)
     };
     let both = fused(&[&one, &thousand], &[]).unwrap();
     let single = fused(&[&one], &[]).unwrap();
@@ -204,7 +204,7 @@ fn fusing_is_free_of_units_and_leaves_out_what_one_lacks() {
     let short = fused(&[&one, &signed(&names[1..], &[0.0, 1.0, 2.0])], &[1.0, 0.0]).unwrap();
     assert_eq!((short.queries.join(" "), short.missing.join(" ")), ("a_2 b_1 b_2".into(), "a_1 gone".into()));
     assert!(fused(&[&one], &[0.0]).is_err() && fused(&[&one], &[1.0, 1.0]).is_err());
-    let spread = run::<Diffuse>(&diffuse::Params { neighbours: 1, alpha: 0.8 }, &[("similarity", one)]).unwrap();
+    let spread = run::<Diffuse>(&diffuse::Params { neighbours: 1, ..defaults() }, &[("similarity", one)]).unwrap();
     assert_eq!(metrics(&ranking(&spread, None)).overall.nn, 1.0);
 }
 

@@ -19,7 +19,7 @@ pub enum Align {
 }
 
 /// Pixels of an image, each way.
-const SIDE: usize = 64;
+pub(super) const SIDE: usize = 64;
 /// Frequencies of an image, each way, from 0.
 pub const FREQUENCIES: usize = 10;
 /// Half the box over the mean distance of the surface from its centre.
@@ -31,20 +31,8 @@ const POINTS: usize = 60_000;
 #[must_use]
 pub fn views(vertices: &[[f64; 3]], faces: &[[u32; 3]], align: Align) -> Vec<f64> {
     let points = super::samples(vertices, faces, POINTS);
-    let middle = super::centre(&points);
-    let axes = match align {
-        Align::Area => axes(points.iter().map(|(p, w)| (sub(*p, middle), *w))),
-        Align::Normals => axes(faces.iter().map(|f| {
-            let [a, b, c] = f.map(|v| vertices[v as usize]);
-            let n = normal(a, b, c);
-            let length = norm(n);
-            (scale(n, 1.0 / length.max(f64::MIN_POSITIVE)), length)
-        })),
-    };
-    let mean: f64 = points.iter().map(|(p, w)| w * norm(sub(*p, middle))).sum();
-    let size = (REACH * mean).max(f64::MIN_POSITIVE);
-    let place = |p: &[f64; 3]| axes.map(|axis| dot(sub(*p, middle), axis) / size);
-    let turned: Vec<[f64; 3]> = points.iter().map(|(p, _)| place(p)).collect();
+    let pose = Pose::new(&points, vertices, faces, align);
+    let turned: Vec<[f64; 3]> = points.iter().map(|(p, _)| pose.place(*p)).collect();
     let mut all = Vec::with_capacity(9 * FREQUENCIES * FREQUENCIES);
     for k in 0..3 {
         let [front, back, outline] = images(&turned, k);
@@ -54,6 +42,40 @@ pub fn views(vertices: &[[f64; 3]], faces: &[[u32; 3]], align: Align) -> Vec<f64
         all.extend(frequencies(&outline));
     }
     all
+}
+
+/// How a surface is moved, turned and scaled before it is looked at.
+pub(super) struct Pose {
+    middle: [f64; 3],
+    axes: [[f64; 3]; 3],
+    size: f64,
+}
+
+impl Pose {
+    pub(super) fn new(points: &[([f64; 3], f64)], vertices: &[[f64; 3]], faces: &[[u32; 3]], align: Align) -> Self {
+        let middle = super::centre(points);
+        let axes = match align {
+            Align::Area => axes(points.iter().map(|(p, w)| (sub(*p, middle), *w))),
+            Align::Normals => axes(faces.iter().map(|f| {
+                let [a, b, c] = f.map(|v| vertices[v as usize]);
+                let n = normal(a, b, c);
+                let length = norm(n);
+                (scale(n, 1.0 / length.max(f64::MIN_POSITIVE)), length)
+            })),
+        };
+        let mean: f64 = points.iter().map(|(p, w)| w * norm(sub(*p, middle))).sum();
+        Self { middle, axes, size: (REACH * mean).max(f64::MIN_POSITIVE) }
+    }
+
+    /// A point in the box from -1 to 1, where not too far out.
+    pub(super) fn place(&self, p: [f64; 3]) -> [f64; 3] {
+        self.turn(scale(sub(p, self.middle), 1.0 / self.size))
+    }
+
+    /// A direction.
+    pub(super) fn turn(&self, d: [f64; 3]) -> [f64; 3] {
+        self.axes.map(|axis| dot(d, axis))
+    }
 }
 
 /// Depth from the front, from the back (0 outside of the shape, to 1), and the outline, along axis `k`.
@@ -71,7 +93,7 @@ fn images(points: &[[f64; 3]], k: usize) -> [Vec<f64>; 3] {
 }
 
 /// Magnitudes of the lowest frequencies over the number of pixels, those of (u, v) and (u, -v) added.
-fn frequencies(image: &[f64]) -> Vec<f64> {
+pub(super) fn frequencies(image: &[f64]) -> Vec<f64> {
     let wave: Vec<(f64, f64)> = (0..SIDE).map(|i| (TAU * i as f64 / SIDE as f64).sin_cos()).collect();
     // Rows first: (row, v) as real and imaginary parts.
     let mut rows = vec![[0.0, 0.0]; SIDE * FREQUENCIES];
