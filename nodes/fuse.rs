@@ -75,28 +75,26 @@ impl Node for Fuse {
         if queries.is_empty() || targets.is_empty() {
             return Err(NodeError::new("no shape is in all of the similarities"));
         }
-        let mut values = vec![0.0; queries.len() * targets.len()];
+        let mut fused: Option<Similarity> = None;
         let mut missing = Vec::new();
-        let mut compared: Option<Vec<u32>> = None;
         for (s, weight) in similarities.iter().zip(&weights) {
             let lost =
                 |all: &[String], kept: &[String]| all.iter().filter(|n| !kept.contains(n)).cloned().collect::<Vec<_>>();
             missing = united(&missing, &s.missing);
             missing = united(&missing, &united(&lost(&s.queries, &queries), &lost(&s.targets, &targets)));
-            let (rows, columns) = (places(&s.queries, &queries), places(&s.targets, &targets));
-            let width = s.targets.len();
-            let at: Vec<usize> = rows.iter().flat_map(|r| columns.iter().map(move |c| r * width + c)).collect();
-            let unit = mean_distance(s);
-            let most = greatest(s);
-            values.iter_mut().zip(&at).for_each(|(v, i)| *v -= weight / total * (most - s.values[*i]) / unit);
-            if let Some(of) = &s.compared {
-                let all = compared.get_or_insert_with(|| vec![1; at.len()]);
-                all.iter_mut().zip(&at).for_each(|(c, i)| *c &= of[*i]);
+            let (unit, most) = (mean_distance(s), greatest(s));
+            let one = s.of_shapes(&queries, &targets);
+            let sum = fused.get_or_insert_with(|| Similarity { values: vec![0.0; one.values.len()], ..one.clone() });
+            if sum.compared != one.compared {
+                return Err(NodeError::new(format!("{} and {} are not of the same pairs", sum.measure, one.measure))
+                    .help("wire the same `shortlist` to all of them, or to none"));
             }
+            sum.values.iter_mut().zip(&one.values).for_each(|(v, x)| *v -= weight / total * (most - x) / unit);
         }
         let names: Vec<&str> =
             similarities.iter().zip(&weights).filter(|(_, w)| **w > 0.0).map(|(s, _)| s.measure.as_str()).collect();
-        Ok(Similarity { measure: names.join(" + "), queries, targets, values, compared, missing })
+        let fused = fused.ok_or_else(|| NodeError::new("nothing is wired to `similarities`"))?;
+        Ok(Similarity { measure: names.join(" + "), missing, ..fused })
     }
 }
 
@@ -110,12 +108,9 @@ fn mean_distance(s: &Similarity) -> f64 {
     let most = greatest(s);
     let (mut sum, mut count) = (0.0, 0.0);
     for (q, query) in s.queries.iter().enumerate() {
-        for (t, (target, value)) in s.targets.iter().zip(s.row(q)).enumerate() {
-            let known = s.compared.as_ref().is_none_or(|c| c[q * s.targets.len() + t] == 1);
-            if known && query != target {
-                sum += most - value;
-                count += 1.0;
-            }
+        for (_, value) in s.entries(q).filter(|(t, _)| s.targets[*t] != *query) {
+            sum += most - value;
+            count += 1.0;
         }
     }
     if sum > 0.0 { sum / count } else { 1.0 }
@@ -129,10 +124,4 @@ fn common(all: &[Arc<Similarity>], names: fn(&Similarity) -> &Vec<String>) -> Ve
     }
     let first = all.first().map(|s| names(s).as_slice()).unwrap_or_default();
     first.iter().filter(|name| count.get(name.as_str()) == Some(&all.len())).cloned().collect()
-}
-
-/// Where each of `wanted` is among `names`.
-fn places(names: &[String], wanted: &[String]) -> Vec<usize> {
-    let known: BTreeMap<&str, usize> = names.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect();
-    wanted.iter().filter_map(|name| known.get(name.as_str()).copied()).collect()
 }
