@@ -8,6 +8,7 @@
 
 use std::sync::Arc;
 
+use salient_kernels::retrieval::ranked;
 use salient_sdk::{Context, Inputs, Node, NodeError, Port, PortValues};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -109,7 +110,8 @@ impl Node for Diffuse {
         let columns: Vec<usize> = (0..similarity.queries.len()).collect();
         let rows = cx.map(&columns, |_, &i| {
             cx.check()?;
-            let mut row = graph.spread(i, params.alpha);
+            let spread = graph.spread(i, params.alpha);
+            let mut row: Vec<f64> = similarity.order().row(i).map(|j| spread[j]).collect();
             if let Some(local) = &local {
                 row.iter_mut().zip(local.row(i)).for_each(|(x, near)| *x = x.max(UNLINKED) * near);
             }
@@ -117,9 +119,11 @@ impl Node for Diffuse {
         })?;
         Ok(Similarity {
             measure: format!("{}, diffused", similarity.measure),
+            queries: similarity.queries.clone(),
+            targets: similarity.targets.clone(),
             values: rows.concat(),
-            compared: None,
-            ..(*similarity).clone()
+            compared: similarity.compared.clone(),
+            missing: similarity.missing.clone(),
         })
     }
 }
@@ -132,30 +136,29 @@ impl Graph {
         let n = of.queries.len();
         let most = greatest(of);
         // The mean of both ways, as a shortlist or a search may have found different ones.
-        let distance = |i: usize, j: usize| most - 0.5 * (of.row(i)[j] + of.row(j)[i]);
-        let nearest: Vec<Vec<usize>> = (0..n)
+        let both = |i: usize, j: usize, x: f64| most - 0.5 * (x + of.value(j, i).unwrap_or(x));
+        let nearest: Vec<Vec<(usize, f64)>> = (0..n)
             .map(|i| {
-                let mut others: Vec<usize> = (0..n).filter(|j| *j != i).collect();
-                let by = |j: &usize| distance(i, *j);
-                others.sort_by(|a, b| by(a).total_cmp(&by(b)).then_with(|| of.targets[*a].cmp(&of.targets[*b])));
-                others.truncate(neighbours);
-                others
+                let (others, near): (Vec<usize>, Vec<f64>) =
+                    of.entries(i).filter(|(j, _)| *j != i).map(|(j, x)| (j, 0.0 - both(i, j, x))).unzip();
+                let best = ranked(&near, |k| &of.targets[others[k]], neighbours);
+                best.into_iter().map(|k| (others[k as usize], 0.0 - near[k as usize])).collect()
             })
             .collect();
         let reach = |i: usize| {
-            let sum: f64 = nearest[i].iter().map(|j| distance(i, *j)).sum();
+            let sum: f64 = nearest[i].iter().map(|(_, d)| d).sum();
             (sum / nearest[i].len().max(1) as f64).max(f64::MIN_POSITIVE)
         };
         let reaches: Vec<f64> = (0..n).map(reach).collect();
-        let weight = |i: usize, j: usize| match links {
-            Links::Distances => (-(distance(i, j) / reaches[i]) * (distance(i, j) / reaches[j])).exp(),
-            Links::Given => 0.5 * (of.row(i)[j] + of.row(j)[i]),
+        let weight = |i: usize, j: usize, d: f64| match links {
+            Links::Distances => (-(d / reaches[i]) * (d / reaches[j])).exp(),
+            Links::Given => most - d,
         };
         let mut rows: Vec<Vec<(usize, f64)>> = vec![Vec::new(); n];
         for (i, near) in nearest.iter().enumerate() {
-            for &j in near {
-                rows[i].push((j, weight(i, j)));
-                rows[j].push((i, weight(j, i)));
+            for &(j, d) in near {
+                rows[i].push((j, weight(i, j, d)));
+                rows[j].push((i, weight(j, i, d)));
             }
         }
         for row in &mut rows {

@@ -12,6 +12,7 @@ use salient_sdk::{Context, Inputs, Node, NodeError, Port, PortValues};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::lists::{Lists, Order};
 use crate::similarity::{Similarity, united};
 
 /// What the distances of a measure are compared with.
@@ -93,7 +94,7 @@ impl Node for Fuse {
             return Err(NodeError::new(message).help("give one weight for each, not all 0"));
         }
         let shared = Shared::of(&similarities)?;
-        let mut values = vec![0.0; shared.queries.len() * shared.targets.len()];
+        let mut values = vec![0.0; shared.order().pairs(shared.queries.len())];
         for (s, weight) in similarities.iter().zip(&weights) {
             let distances = shared.distances(s);
             let share = weight / total;
@@ -120,7 +121,8 @@ pub(crate) struct Shared {
     pub queries: Vec<String>,
     /// Targets that all have, in the order of the first.
     pub targets: Vec<String>,
-    compared: Option<Vec<u32>>,
+    /// The pairs of them that were compared, which are the same by all measures; `None` for all.
+    pub compared: Option<Lists>,
     missing: Vec<String>,
 }
 
@@ -131,53 +133,53 @@ impl Shared {
         if queries.is_empty() || targets.is_empty() {
             return Err(NodeError::new("no shape is in all of the similarities"));
         }
-        let mut shared = Self { queries, targets, compared: None, missing: Vec::new() };
+        let mut missing = Vec::new();
+        let mut compared: Option<Option<Lists>> = None;
         for s in all {
             let lost =
                 |all: &[String], kept: &[String]| all.iter().filter(|n| !kept.contains(n)).cloned().collect::<Vec<_>>();
-            let lost = united(&lost(&s.queries, &shared.queries), &lost(&s.targets, &shared.targets));
-            shared.missing = united(&shared.missing, &united(&s.missing, &lost));
-            if let Some(of) = &s.compared {
-                let at = shared.entries(s);
-                let all = shared.compared.get_or_insert_with(|| vec![1; at.len()]);
-                all.iter_mut().zip(&at).for_each(|(c, i)| *c &= of[*i]);
+            let lost = united(&lost(&s.queries, &queries), &lost(&s.targets, &targets));
+            missing = united(&missing, &united(&s.missing, &lost));
+            let own = s.of_shapes(&queries, &targets).compared;
+            if *compared.get_or_insert_with(|| own.clone()) != own {
+                return Err(NodeError::new(format!("{} and {} are not of the same pairs", all[0].measure, s.measure))
+                    .help("wire the same `shortlist` to all of them, or to none"));
             }
         }
-        Ok(shared)
+        Ok(Self { queries, targets, compared: compared.flatten(), missing })
     }
 
-    /// Where the common pairs are among the values of one of them.
-    fn entries(&self, s: &Similarity) -> Vec<usize> {
-        let (rows, columns) = (places(&s.queries, &self.queries), places(&s.targets, &self.targets));
-        let width = s.targets.len();
-        rows.iter().flat_map(|r| columns.iter().map(move |c| r * width + c)).collect()
+    /// How values of the common pairs are ordered.
+    fn order(&self) -> Order<'_> {
+        Order { targets: self.targets.len(), lists: self.compared.as_ref() }
     }
 
     /// Distances of the common pairs from the greatest value of all.
     pub fn distances(&self, s: &Similarity) -> Vec<f64> {
         let most = greatest(s);
-        self.entries(s).into_iter().map(|i| most - s.values[i]).collect()
+        s.of_shapes(&self.queries, &self.targets).values.into_iter().map(|x| most - x).collect()
     }
 
     /// exp(-d(q, t)² / s_q s_t), with s the mean distance to the nearest ones of another name.
     pub fn self_tuned(&self, distances: &[f64], neighbours: usize) -> Vec<f64> {
-        let width = self.targets.len();
-        let reach = |of: &mut dyn Iterator<Item = (bool, f64)>| {
-            let mut others: Vec<f64> = of.filter(|(other, _)| *other).map(|(_, d)| d).collect();
-            others.sort_by(f64::total_cmp);
+        let reach = |mut others: Vec<f64>| {
+            others.sort_unstable_by(f64::total_cmp);
             others.truncate(neighbours);
             (others.iter().sum::<f64>() / others.len().max(1) as f64).max(f64::MIN_POSITIVE)
         };
-        let of_query =
-            |q: usize| reach(&mut (0..width).map(|t| (self.queries[q] != self.targets[t], distances[q * width + t])));
-        let of_target = |t: usize| {
-            let column =
-                (0..self.queries.len()).map(|q| (self.queries[q] != self.targets[t], distances[q * width + t]));
-            reach(&mut { column })
-        };
-        let rows: Vec<f64> = (0..self.queries.len()).map(of_query).collect();
-        let columns: Vec<f64> = (0..width).map(of_target).collect();
-        distances.iter().enumerate().map(|(i, d)| (-(d / rows[i / width]) * (d / columns[i % width])).exp()).collect()
+        let (mut of_query, mut of_target) =
+            (vec![Vec::new(); self.queries.len()], vec![Vec::new(); self.targets.len()]);
+        let order = self.order();
+        let pairs = || (0..self.queries.len()).flat_map(|q| order.row(q).map(move |t| (q, t)));
+        for ((q, t), d) in pairs().zip(distances) {
+            if self.queries[q] != self.targets[t] {
+                of_query[q].push(*d);
+                of_target[t].push(*d);
+            }
+        }
+        let (rows, columns): (Vec<f64>, Vec<f64>) =
+            (of_query.into_iter().map(reach).collect(), of_target.into_iter().map(reach).collect());
+        pairs().zip(distances).map(|((q, t), d)| (-(d / rows[q]) * (d / columns[t])).exp()).collect()
     }
 
     /// The fused similarity of these values.
@@ -197,12 +199,9 @@ fn mean_distance(s: &Similarity) -> f64 {
     let most = greatest(s);
     let (mut sum, mut count) = (0.0, 0.0);
     for (q, query) in s.queries.iter().enumerate() {
-        for (t, (target, value)) in s.targets.iter().zip(s.row(q)).enumerate() {
-            let known = s.compared.as_ref().is_none_or(|c| c[q * s.targets.len() + t] == 1);
-            if known && query != target {
-                sum += most - value;
-                count += 1.0;
-            }
+        for (_, value) in s.entries(q).filter(|(t, _)| s.targets[*t] != *query) {
+            sum += most - value;
+            count += 1.0;
         }
     }
     if sum > 0.0 { sum / count } else { 1.0 }
@@ -216,10 +215,4 @@ fn common(all: &[Arc<Similarity>], names: fn(&Similarity) -> &Vec<String>) -> Ve
     }
     let first = all.first().map(|s| names(s).as_slice()).unwrap_or_default();
     first.iter().filter(|name| count.get(name.as_str()) == Some(&all.len())).cloned().collect()
-}
-
-/// Where each of `wanted` is among `names`.
-fn places(names: &[String], wanted: &[String]) -> Vec<usize> {
-    let known: BTreeMap<&str, usize> = names.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect();
-    wanted.iter().filter_map(|name| known.get(name.as_str()).copied()).collect()
 }

@@ -12,6 +12,7 @@ pub mod feature;
 pub mod fuse;
 pub mod iqp_match;
 pub mod laplacian;
+pub mod lists;
 pub mod load;
 pub mod match_all;
 pub mod maxima;

@@ -12,9 +12,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::iqp_match::{self, Compare, IqpMatch, Scales, Unit};
+use crate::lists::Order;
 use crate::pair_scores::{PairScore, PairScores, Shape};
 use crate::patch_spectrum::Features;
-use crate::similarity::{Similarity, united};
+use crate::similarity::{Similarity, keep_known, united};
 
 /// How equations 19 to 26 are read: see `iqp_match`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -155,7 +156,11 @@ impl Node for MatchAll {
     }
 
     fn run(params: &Params, inputs: In, cx: Context) -> Result<PairScores, NodeError> {
-        let In { queries, targets, missing, shortlist } = inputs;
+        let In { mut queries, mut targets, mut missing, shortlist } = inputs;
+        if let Some(list) = &shortlist {
+            let lost = [keep_known(&mut queries, &list.queries), keep_known(&mut targets, &list.targets)];
+            missing = united(&united(&missing, &list.missing), &lost.concat());
+        }
         if queries.is_empty() || targets.is_empty() {
             return Err(NodeError::new(format!("there are no features: all {} shapes failed", missing.len())));
         }
@@ -163,71 +168,36 @@ impl Node for MatchAll {
         let q: Vec<usize> = queries.iter().map(|(_, features)| table.add(features)).collect();
         let t: Vec<usize> = targets.iter().map(|(_, features)| table.add(features)).collect();
         table.same_values()?;
-        let wanted = chosen(shortlist.as_deref(), &queries, &targets)?;
+        let names = |of: &Named| of.iter().map(|(name, _)| name.clone()).collect::<Vec<_>>();
+        let compared = shortlist.map(|list| list.listed(&names(&queries), &names(&targets))).transpose()?;
+        let order = Order { targets: targets.len(), lists: compared.as_ref() };
         // Each unordered pair once; a shape with itself is known without search.
-        let mut place: BTreeMap<(usize, usize), usize> = BTreeMap::new();
         let ordered = |a: usize, b: usize| if table.keys[a] <= table.keys[b] { (a, b) } else { (b, a) };
-        let mut items = Vec::new();
-        for (i, a) in q.iter().enumerate() {
-            for (_, b) in t.iter().enumerate().filter(|(j, b)| *b != a && wanted(i, *j)) {
-                place.entry(ordered(*a, *b)).or_insert_with(|| {
-                    items.push(ordered(*a, *b));
-                    items.len() - 1
-                });
-            }
-        }
+        let row = |(i, a): (usize, &usize)| order.row(i).map(|j| ordered(*a, t[j])).collect::<Vec<_>>();
+        let mut items: Vec<(usize, usize)> = q.iter().enumerate().flat_map(row).filter(|(a, b)| a != b).collect();
+        items.sort_unstable();
+        items.dedup();
         let found = cx.map_memo(&table, &items)?;
-        let itself = |a: usize| {
-            let features = table.shapes[a].features;
-            PairScore {
-                objective: table.shapes[a].own,
-                descriptors: params.beta * f64::from(features),
-                matched: features,
-            }
+        let score = |a: usize, b: usize| match items.binary_search(&ordered(a, b)) {
+            Ok(at) => found[at],
+            Err(_) => table.itself(a),
         };
-        let mut pairs = Vec::with_capacity(q.len() * t.len());
-        for (i, a) in q.iter().enumerate() {
-            for (j, b) in t.iter().enumerate() {
-                let score = || if a == b { itself(*a) } else { found[place[&ordered(*a, *b)]] };
-                pairs.push(wanted(i, j).then(score));
-            }
-        }
+        let row = |(i, a): (usize, &usize)| order.row(i).map(|j| score(*a, t[j])).collect::<Vec<_>>();
+        let pairs = q.iter().enumerate().flat_map(row).collect();
         let named = |names: &Named, at: &[usize]| {
             let shape =
                 |((name, _), a): (&(String, _), &usize)| Shape { name: name.clone(), ..table.shapes[*a].clone() };
             names.iter().zip(at).map(shape).collect()
         };
-        Ok(PairScores { queries: named(&queries, &q), targets: named(&targets, &t), pairs, missing })
+        Ok(PairScores { queries: named(&queries, &q), targets: named(&targets, &t), pairs, compared, missing })
     }
-}
-
-/// Which pairs (query, target) a shortlist has; without one, all.
-fn chosen<'a>(
-    shortlist: Option<&'a Similarity>,
-    queries: &[(String, Arc<Features>)],
-    targets: &[(String, Arc<Features>)],
-) -> Result<Box<dyn Fn(usize, usize) -> bool + 'a>, NodeError> {
-    let Some(list) = shortlist else { return Ok(Box::new(|_, _| true)) };
-    let index =
-        |names: &'a [String]| names.iter().enumerate().map(|(i, n)| (n.as_str(), i)).collect::<BTreeMap<_, _>>();
-    let (rows, columns) = (index(&list.queries), index(&list.targets));
-    let find = |names: &[(String, Arc<Features>)], known: &BTreeMap<&str, usize>| {
-        let one = |(name, _): &(String, _)| {
-            known.get(name.as_str()).copied().ok_or_else(|| NodeError::new(format!("`{name}` is not in the shortlist")))
-        };
-        names.iter().map(one).collect::<Result<Vec<usize>, NodeError>>()
-    };
-    let (rows, columns) = (find(queries, &rows)?, find(targets, &columns)?);
-    let width = list.targets.len();
-    let compared = list.compared.as_ref();
-    Ok(Box::new(move |i, j| compared.is_none_or(|c| c[rows[i] * width + columns[j]] == 1)))
 }
 
 /// Distinct shapes, cut to their first features.
 struct Table<'a> {
     params: &'a Params,
     matching: iqp_match::Params,
-    features: Vec<Features>,
+    features: Vec<Arc<Features>>,
     shapes: Vec<Shape>,
     keys: Vec<ItemKey>,
     known: BTreeMap<ItemKey, usize>,
@@ -240,8 +210,10 @@ impl<'a> Table<'a> {
     }
 
     /// The index of a shape, added if there is none of this content.
-    fn add(&mut self, features: &Features) -> usize {
-        let cut = features.first(self.params.features as usize);
+    fn add(&mut self, features: &Arc<Features>) -> usize {
+        let count = self.params.features as usize;
+        // Ten thousand shapes are not held twice.
+        let cut = if features.features.len() <= count { features.clone() } else { Arc::new(features.first(count)) };
         let key = content(&cut);
         let next = self.features.len();
         let at = *self.known.entry(key).or_insert(next);
@@ -253,6 +225,12 @@ impl<'a> Table<'a> {
             self.keys.push(key);
         }
         at
+    }
+
+    /// What a shape comes to with itself.
+    fn itself(&self, a: usize) -> PairScore {
+        let Shape { features, own, .. } = self.shapes[a];
+        PairScore { objective: own, descriptors: self.params.beta * f64::from(features), matched: features }
     }
 
     fn same_values(&self) -> Result<(), NodeError> {

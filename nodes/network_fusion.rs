@@ -63,6 +63,10 @@ impl Node for NetworkFusion {
             return Err(NodeError::new("the queries are not the targets: only a database against itself is a network")
                 .help("gather the same shapes as queries and targets"));
         }
+        if shared.compared.is_some() {
+            return Err(NodeError::new("not all pairs were compared: a network needs all")
+                .help("fuse similarities of a shortlist with `fuse`, `scale: Neighbours`"));
+        }
         let n = shared.queries.len();
         let neighbours = params.neighbours as usize;
         let networks = cx.map(&similarities, |_, s| {

@@ -1,9 +1,9 @@
-//! What matching each query with each target came to, before it is made one number. Not a node: made by `match_all` and
-//! `gather_matches`, taken by `score`.
+//! What matching each query with each target came to, before it is made one number. Not a node: made by `match_all`, taken by `score`.
 
 use salient_sdk::{Artefact, Decoder, Encoder, FormatError, Table};
 use serde_json::{Value, json};
 
+use crate::lists::{self, Lists, Order};
 use crate::similarity::missing_line;
 
 /// One shape.
@@ -35,29 +35,48 @@ pub struct PairScores {
     pub queries: Vec<Shape>,
     /// One column each.
     pub targets: Vec<Shape>,
-    /// Row-major; `None` for pairs that were not compared.
-    pub pairs: Vec<Option<PairScore>>,
+    /// Row by row.
+    pub pairs: Vec<PairScore>,
+    /// The pairs that were compared, which `pairs` is of; `None` for all.
+    pub compared: Option<Lists>,
     /// Shapes that failed on the way here.
     pub missing: Vec<String>,
 }
 
+impl PairScores {
+    /// How `pairs` are ordered.
+    #[must_use]
+    pub fn order(&self) -> Order<'_> {
+        Order { targets: self.targets.len(), lists: self.compared.as_ref() }
+    }
+
+    /// Query, target and what became of them, in order.
+    pub fn entries(&self) -> impl Iterator<Item = (&Shape, &Shape, &PairScore)> {
+        let row = move |(q, query)| self.order().row(q).map(move |t| (query, &self.targets[t]));
+        self.queries
+            .iter()
+            .enumerate()
+            .flat_map(row)
+            .zip(&self.pairs)
+            .map(|((query, target), pair)| (query, target, pair))
+    }
+}
+
 impl Artefact for PairScores {
     const TYPE: &'static str = "pair_scores";
-    const FORMAT: u32 = 1;
+    const FORMAT: u32 = 2;
     const DOC: &'static str = "Matching each query with each target: `objective`, its part `descriptors`, and `matched` (number of pairs of features), each \
-        [queries, targets]; `compared` [queries, targets] is 0 for pairs left out; `query_features`, `query_own`, `target_features`, `target_own`: numbers \
-        of features and self-similarities.";
+        [queries, targets]; of a shortlist each [pairs] of those on it: `listed` [pairs] (indices of targets), `lengths` [queries] of each query's list; \
+        `query_features`, `query_own`, `target_features`, `target_own`: numbers of features and self-similarities.";
 
     fn encode(&self, out: &mut Encoder) {
-        let shape = [self.queries.len(), self.targets.len()];
-        let of =
-            |get: fn(&PairScore) -> f64| self.pairs.iter().map(|p| p.as_ref().map_or(0.0, get)).collect::<Vec<_>>();
+        let shape = self.order().shape(self.queries.len());
+        let of = |get: fn(&PairScore) -> f64| self.pairs.iter().map(get).collect::<Vec<_>>();
         out.f64("objective", &of(|p| p.objective), &shape);
         out.f64("descriptors", &of(|p| p.descriptors), &shape);
-        let matched: Vec<u32> = self.pairs.iter().map(|p| p.map_or(0, |p| p.matched)).collect();
+        let matched: Vec<u32> = self.pairs.iter().map(|p| p.matched).collect();
         out.u32("matched", &matched, &shape);
-        let compared: Vec<u32> = self.pairs.iter().map(|p| u32::from(p.is_some())).collect();
-        out.u32("compared", &compared, &shape);
+        lists::encode(self.compared.as_ref(), out);
         for (side, shapes) in [("query", &self.queries), ("target", &self.targets)] {
             let features: Vec<u32> = shapes.iter().map(|s| s.features).collect();
             let own: Vec<f64> = shapes.iter().map(|s| s.own).collect();
@@ -83,41 +102,41 @@ impl Artefact for PairScores {
         let (objective, shape) = from.f64("objective")?;
         let (descriptors, _) = from.f64("descriptors")?;
         let (matched, _) = from.u32("matched")?;
-        let (compared, _) = from.u32("compared")?;
+        let compared = lists::decode(from, queries.len(), targets.len())?;
+        let expected = Order { targets: targets.len(), lists: compared.as_ref() }.shape(queries.len());
         let n = objective.len();
-        if shape != [queries.len(), targets.len()] || [descriptors.len(), matched.len(), compared.len()] != [n; 3] {
+        if shape != expected || [descriptors.len(), matched.len()] != [n; 2] {
             return Err(FormatError("the scores do not fit their names".into()));
         }
-        let pair = |i: usize| {
-            let score = PairScore { objective: objective[i], descriptors: descriptors[i], matched: matched[i] };
-            (compared[i] == 1).then_some(score)
-        };
-        Ok(Self { queries, targets, pairs: (0..n).map(pair).collect(), missing: from.header("missing")? })
+        let pair = |i: usize| PairScore { objective: objective[i], descriptors: descriptors[i], matched: matched[i] };
+        Ok(Self { queries, targets, pairs: (0..n).map(pair).collect(), compared, missing: from.header("missing")? })
     }
 
     fn json(&self) -> Value {
         let shapes = |all: &[Shape]| -> Value {
             all.iter().map(|s| json!({ "name": s.name, "features": s.features, "own": s.own })).collect()
         };
-        let pair = |p: &Option<PairScore>| {
-            p.map(|p| json!({ "objective": p.objective, "descriptors": p.descriptors, "matched": p.matched }))
-        };
-        let rows = self.pairs.chunks(self.targets.len().max(1));
-        json!({
+        let pair =
+            |p: &PairScore| json!({ "objective": p.objective, "descriptors": p.descriptors, "matched": p.matched });
+        let row = |q: usize| self.pairs[self.order().span(q)].iter().map(pair).collect::<Value>();
+        let mut json = json!({
             "queries": shapes(&self.queries),
             "targets": shapes(&self.targets),
-            "pairs": rows.map(|row| row.iter().map(pair).collect::<Vec<_>>()).collect::<Vec<_>>(),
+            "pairs": (0..self.queries.len()).map(row).collect::<Value>(),
             "failed": self.missing,
-        })
+        });
+        if let Some(lists) = &self.compared {
+            json["listed"] = (0..self.queries.len()).map(|q| lists.of(q)).collect();
+        }
+        json
     }
 
     fn summary(&self) -> Vec<(&'static str, String)> {
-        let compared: Vec<&PairScore> = self.pairs.iter().flatten().collect();
-        let mean = compared.iter().map(|p| f64::from(p.matched)).sum::<f64>() / compared.len().max(1) as f64;
+        let mean = self.pairs.iter().map(|p| f64::from(p.matched)).sum::<f64>() / self.pairs.len().max(1) as f64;
         let mut lines = vec![
             ("queries", self.queries.len().to_string()),
             ("targets", self.targets.len().to_string()),
-            ("compared", format!("{} of {} pairs", compared.len(), self.pairs.len())),
+            self.order().line(self.queries.len()),
             ("matched", format!("{mean:.1} features a pair")),
         ];
         lines.extend(missing_line(&self.missing));
@@ -126,12 +145,10 @@ impl Artefact for PairScores {
 
     fn table(&self) -> Option<Table> {
         let columns = ["query", "target", "objective", "descriptors", "matched"];
-        let row = |(i, p): (usize, &Option<PairScore>)| {
-            let p = (*p)?;
-            let (q, t) = (&self.queries[i / self.targets.len()].name, &self.targets[i % self.targets.len()].name);
+        let row = |(query, target, p): (&Shape, &Shape, &PairScore)| {
             let numbers = [p.objective.to_string(), p.descriptors.to_string(), p.matched.to_string()];
-            Some([vec![q.clone(), t.clone()], numbers.to_vec()].concat())
+            [vec![query.name.clone(), target.name.clone()], numbers.to_vec()].concat()
         };
-        Some(Table::new(&columns, self.pairs.iter().enumerate().filter_map(row).collect()))
+        Some(Table::new(&columns, self.entries().map(row).collect()))
     }
 }

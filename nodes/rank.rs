@@ -150,11 +150,12 @@ impl Node for Rank {
         let top = params.top.map_or(usize::MAX, |top| top as usize);
         let rows: Vec<usize> = (0..similarity.queries.len()).collect();
         let lists = cx.map(&rows, |_, &q| {
-            let row = similarity.row(q);
-            let other = |t: &u32| params.own || similarity.targets[*t as usize] != similarity.queries[q];
-            let order: Vec<u32> = ranked(row, &similarity.targets).into_iter().filter(other).take(top).collect();
-            let scores = order.iter().map(|t| row[*t as usize]).collect();
-            Ok((order, scores))
+            let (targets, row): (Vec<usize>, Vec<f64>) = similarity
+                .entries(q)
+                .filter(|(t, _)| params.own || similarity.targets[*t] != similarity.queries[q])
+                .unzip();
+            let best = ranked(&row, |i| &similarity.targets[targets[i]], top);
+            Ok(best.into_iter().map(|i| (targets[i as usize] as u32, row[i as usize])).unzip())
         })?;
         let (order, scores) = lists.into_iter().unzip();
         let s = &*similarity;

@@ -278,9 +278,10 @@ fn evaluate(ranking: &Ranking, class: impl Fn(&str) -> Option<String>) -> Result
     }
     let Some(overall) = Figures::mean(&merits) else {
         let message = format!(
-            "no query has another shape of its class to find: {} queries, of which {} have no class",
+            "no query has another shape of its class to find: {} queries, of which {} have no class; shapes are named as in `{}`",
             ranking.queries.len(),
-            of_query.iter().filter(|c| c.is_none()).count()
+            of_query.iter().filter(|c| c.is_none()).count(),
+            ranking.queries.first().map_or("", String::as_str)
         );
         return Err(NodeError::new(message)
             .help("are the ids of the labels the names of the files, without folder and extension?"));

@@ -55,22 +55,15 @@ impl Default for Params {
     }
 }
 
-/// Scores of pairs, and where not all were compared, what they were chosen by.
+/// Scores of pairs.
 pub struct In {
     scores: Arc<PairScores>,
-    rest: Option<Arc<Similarity>>,
 }
 
 impl Inputs for In {
-    const PORTS: &'static [Port] = &[
-        Port::one::<PairScores>("scores", "what matching came to"),
-        Port::optional::<Similarity>(
-            "rest",
-            "the order of targets that were not compared, behind those that were; it must be given if there are any",
-        ),
-    ];
+    const PORTS: &'static [Port] = &[Port::one::<PairScores>("scores", "what matching came to")];
     fn take(from: &mut PortValues) -> Result<Self, NodeError> {
-        Ok(Self { scores: from.one("scores")?, rest: from.optional("rest")? })
+        Ok(Self { scores: from.one("scores")? })
     }
 }
 
@@ -94,40 +87,17 @@ impl Node for Score {
     type Inputs = In;
     type Output = Similarity;
 
-    fn run(params: &Params, In { scores, rest }: In, cx: Context) -> Result<Similarity, NodeError> {
+    fn run(params: &Params, In { scores }: In, cx: Context) -> Result<Similarity, NodeError> {
         cx.check()?;
         let names = |shapes: &[Shape]| shapes.iter().map(|s| s.name.clone()).collect::<Vec<_>>();
-        let mut alike = Similarity {
+        Ok(Similarity {
             measure: "salient features".into(),
             queries: names(&scores.queries),
             targets: names(&scores.targets),
-            values: Vec::with_capacity(scores.pairs.len()),
-            compared: None,
+            values: scores.entries().map(|(query, target, pair)| score(pair, query, target, params)).collect(),
+            compared: scores.compared.clone(),
             missing: scores.missing.clone(),
-        };
-        let columns = scores.targets.len().max(1);
-        let value = |(i, pair): (usize, &Option<PairScore>)| {
-            pair.map(|pair| score(&pair, &scores.queries[i / columns], &scores.targets[i % columns], params))
-        };
-        let values: Vec<Option<f64>> = scores.pairs.iter().enumerate().map(value).collect();
-        if values.iter().all(Option::is_some) {
-            alike.values = values.into_iter().flatten().collect();
-            return Ok(alike);
-        }
-        let rest = rest.ok_or_else(|| {
-            NodeError::new("some pairs were not compared, so nothing says where they rank")
-                .help("wire `rest` to the similarity that `shortlist` was made of")
-        })?;
-        alike.compared = Some(values.iter().map(|v| u32::from(v.is_some())).collect());
-        alike.values = values.iter().map(|v| v.unwrap_or(0.0)).collect();
-        alike.must_fit(&rest)?;
-        // Behind all that were compared, in the order of the others' similarity.
-        let least = values.iter().flatten().copied().fold(0.0, f64::min);
-        let highest = rest.values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        for ((to, known), coarse) in alike.values.iter_mut().zip(&values).zip(&rest.values) {
-            *to = known.unwrap_or(least - 1.0 - (highest - coarse));
-        }
-        Ok(alike)
+        })
     }
 }
 

@@ -2,12 +2,14 @@
 
 use std::sync::Arc;
 
+use salient_kernels::retrieval::manhattan;
 use salient_sdk::{Context, Inputs, Node, NodeError, Port, PortValues};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::lists::Order;
 use crate::signature::Signature;
-use crate::similarity::Similarity;
+use crate::similarity::{Similarity, keep_known, united};
 
 /// How two vectors are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -38,13 +40,20 @@ impl Default for Params {
 pub struct In {
     signatures: Vec<(String, Arc<Signature>)>,
     missing: Vec<String>,
+    shortlist: Option<Arc<Similarity>>,
 }
 
 impl Inputs for In {
-    const PORTS: &'static [Port] =
-        &[Port::surviving::<Signature>("signatures", "signatures of all shapes, of one kind")];
+    const PORTS: &'static [Port] = &[
+        Port::surviving::<Signature>("signatures", "signatures of all shapes, of one kind"),
+        Port::optional::<Similarity>("shortlist", "which pairs are compared, from `shortlist`; without it, all are"),
+    ];
     fn take(from: &mut PortValues) -> Result<Self, NodeError> {
-        Ok(Self { missing: from.missing("signatures"), signatures: from.many("signatures")? })
+        Ok(Self {
+            missing: from.missing("signatures"),
+            signatures: from.many("signatures")?,
+            shortlist: from.optional("shortlist")?,
+        })
     }
 }
 
@@ -53,7 +62,7 @@ pub struct SignatureSimilarity;
 
 impl Node for SignatureSimilarity {
     const KIND: &'static str = "signature_similarity";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const DOC: &'static str =
         "How near the signatures of shapes are: the negative distance of each two. Shapes that failed are listed.";
     const EXAMPLE: &'static str = r#"
@@ -67,7 +76,12 @@ impl Node for SignatureSimilarity {
     type Inputs = In;
     type Output = Similarity;
 
-    fn run(params: &Params, In { signatures, missing }: In, cx: Context) -> Result<Similarity, NodeError> {
+    fn run(params: &Params, inputs: In, cx: Context) -> Result<Similarity, NodeError> {
+        let In { mut signatures, mut missing, shortlist } = inputs;
+        if let Some(list) = &shortlist {
+            let lost = keep_known(&mut signatures, &list.queries);
+            missing = united(&united(&missing, &list.missing), &lost);
+        }
         let Some((_, first)) = signatures.first() else {
             return Err(NodeError::new(format!("there are no signatures: all {} shapes failed", missing.len())));
         };
@@ -81,29 +95,23 @@ impl Node for SignatureSimilarity {
                 first.values.len()
             )));
         }
-        let rows = cx.map(&signatures, |_, (_, a)| {
-            // Not -0.0 for equal ones.
-            Ok(signatures
-                .iter()
-                .map(|(_, b)| 0.0 - distance(&a.values, &b.values, params.distance))
-                .collect::<Vec<f64>>())
-        })?;
         let names: Vec<String> = signatures.iter().map(|(name, _)| name.clone()).collect();
-        Ok(Similarity {
-            measure: first.kind.clone(),
-            queries: names.clone(),
-            targets: names,
-            values: rows.concat(),
-            compared: None,
-            missing,
-        })
+        let compared = shortlist.map(|list| list.listed(&names, &names)).transpose()?;
+        let order = Order { targets: names.len(), lists: compared.as_ref() };
+        let rows = cx.map(&signatures, |q, (_, a)| {
+            // Not -0.0 for equal ones.
+            let near = |t: usize| 0.0 - distance(&a.values, &signatures[t].1.values, params.distance);
+            Ok(order.row(q).map(near).collect::<Vec<f64>>())
+        })?;
+        let (measure, values, targets) = (first.kind.clone(), rows.concat(), names.clone());
+        Ok(Similarity { measure, queries: names, targets, values, compared, missing })
     }
 }
 
 fn distance(a: &[f64], b: &[f64], kind: Distance) -> f64 {
     let both = || a.iter().zip(b);
     match kind {
-        Distance::Manhattan => both().map(|(x, y)| (x - y).abs()).sum(),
+        Distance::Manhattan => manhattan(a, b),
         Distance::Euclidean => both().map(|(x, y)| (x - y) * (x - y)).sum::<f64>().sqrt(),
         Distance::Cosine => {
             let dot = |u: &[f64], v: &[f64]| u.iter().zip(v).map(|(x, y)| x * y).sum::<f64>();

@@ -1,10 +1,13 @@
 //! How alike shapes are: a matrix of queries against targets, the greater the more alike. Not a node: what several nodes make and
-//! `rank`, `fuse`, `diffuse` and `shortlist` take.
+//! `rank`, `fuse` and `diffuse` take. Of a large database it has the pairs of a shortlist alone.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use salient_sdk::{Artefact, Decoder, Encoder, FormatError, Inputs, NodeError, Port, PortValues, Table};
 use serde_json::{Value, json};
+
+use crate::lists::{self, Lists, Order};
 
 /// How alike each query and each target are.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,19 +18,65 @@ pub struct Similarity {
     pub queries: Vec<String>,
     /// Names of the targets: one column each. A database that is its own set of queries has the same names twice.
     pub targets: Vec<String>,
-    /// Row-major; the greater the more alike. A distance is its negative.
+    /// The greater the more alike, row by row. A distance is its negative.
     pub values: Vec<f64>,
-    /// Where a shortlist chose what to compare: 1 for pairs that were, 0 for the others, whose values are below.
-    pub compared: Option<Vec<u32>>,
+    /// The pairs that were compared, which `values` is of; `None` for all.
+    pub compared: Option<Lists>,
     /// Shapes that could not be compared with any, because they failed on the way here.
     pub missing: Vec<String>,
 }
 
 impl Similarity {
-    /// The values of a query.
+    /// How `values` are ordered.
+    #[must_use]
+    pub fn order(&self) -> Order<'_> {
+        Order { targets: self.targets.len(), lists: self.compared.as_ref() }
+    }
+
+    /// The values of a query: of all targets, or of those on its list.
     #[must_use]
     pub fn row(&self, query: usize) -> &[f64] {
-        &self.values[query * self.targets.len()..(query + 1) * self.targets.len()]
+        &self.values[self.order().span(query)]
+    }
+
+    /// The targets that a query was compared with, ascending, each with its value.
+    pub fn entries(&self, query: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.order().row(query).zip(self.row(query).iter().copied())
+    }
+
+    /// How alike two are, if they were compared.
+    #[must_use]
+    pub fn value(&self, query: usize, target: usize) -> Option<f64> {
+        self.order().find(query, target).map(|at| self.values[at])
+    }
+
+    /// The same of these shapes alone, which it must have.
+    #[must_use]
+    pub fn of_shapes(&self, queries: &[String], targets: &[String]) -> Self {
+        let (rows, columns) = (places(&self.queries, queries), places(&self.targets, targets));
+        let mut renamed = vec![None; self.targets.len()];
+        columns.iter().enumerate().for_each(|(to, from)| renamed[*from] = Some(to as u32));
+        let mut of = Self {
+            queries: queries.to_vec(),
+            targets: targets.to_vec(),
+            values: Vec::new(),
+            compared: None,
+            measure: self.measure.clone(),
+            missing: self.missing.clone(),
+        };
+        if self.compared.is_none() {
+            of.values = rows.iter().flat_map(|q| columns.iter().map(|t| self.row(*q)[*t])).collect();
+            return of;
+        }
+        let mut lists = Vec::with_capacity(rows.len());
+        for q in rows {
+            let mut row: Vec<(u32, f64)> = self.entries(q).filter_map(|(t, x)| Some((renamed[t]?, x))).collect();
+            row.sort_unstable_by_key(|(t, _)| *t);
+            of.values.extend(row.iter().map(|(_, x)| x));
+            lists.push(row.into_iter().map(|(t, _)| t).collect());
+        }
+        of.compared = Some(Lists::new(lists));
+        of
     }
 
     /// Whether every query is a target too, in the same order: a database against itself.
@@ -36,23 +85,35 @@ impl Similarity {
         self.queries == self.targets
     }
 
-    /// Refuses another set of shapes.
+    /// Refuses another set of pairs.
     pub fn must_fit(&self, other: &Self) -> Result<(), NodeError> {
-        if self.queries == other.queries && self.targets == other.targets {
+        if self.queries == other.queries && self.targets == other.targets && self.compared == other.compared {
             return Ok(());
         }
-        let message = format!(
-            "{} is of {} by {} shapes, {} of {} by {}, or they differ in name",
-            self.measure,
-            self.queries.len(),
-            self.targets.len(),
-            other.measure,
-            other.queries.len(),
-            other.targets.len()
-        );
-        Err(NodeError::new(message)
-            .help("wire similarities of the same shapes, gathered by `all(..)` along the same axes"))
+        Err(NodeError::new(format!("{} and {} are not of the same pairs", self.measure, other.measure))
+            .help("gather the same shapes for both by `all(..)`, and wire the same `shortlist` to both, or to none"))
     }
+
+    /// The pairs on a shortlist that are of these shapes, which must be among its own.
+    pub fn listed(&self, queries: &[String], targets: &[String]) -> Result<Lists, NodeError> {
+        self.of_shapes(queries, targets).compared.ok_or_else(|| {
+            NodeError::new("what is wired to `shortlist` has all pairs").help("wire a `shortlist` node, or nothing")
+        })
+    }
+}
+
+/// Leaves out the shapes that are not among `known`, and says which.
+pub fn keep_known<T>(shapes: &mut Vec<(String, T)>, known: &[String]) -> Vec<String> {
+    let known: BTreeSet<&String> = known.iter().collect();
+    let lost = shapes.iter().filter(|(name, _)| !known.contains(name)).map(|(name, _)| name.clone()).collect();
+    shapes.retain(|(name, _)| known.contains(name));
+    lost
+}
+
+/// Where each of `wanted` is among `names`.
+fn places(names: &[String], wanted: &[String]) -> Vec<usize> {
+    let known: BTreeMap<&str, usize> = names.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect();
+    wanted.iter().filter_map(|name| known.get(name.as_str()).copied()).collect()
 }
 
 /// Names in one of two lists or in both, each once, sorted.
@@ -88,16 +149,14 @@ impl Inputs for Single {
 
 impl Artefact for Similarity {
     const TYPE: &'static str = "similarity";
-    const FORMAT: u32 = 1;
-    const DOC: &'static str = "How alike shapes are: `values` [queries, targets], the greater the more alike (a distance is its negative); where a \
-        shortlist chose the pairs, `compared` [queries, targets] is 1 for those; the header has the names and the shapes that failed.";
+    const FORMAT: u32 = 2;
+    const DOC: &'static str = "How alike shapes are: `values` [queries, targets], the greater the more alike (a distance is its negative). Of a shortlist \
+        `values` [pairs] of those on it: `listed` [pairs] (indices of targets), `lengths` [queries] of each query's list. The header has the names and \
+        the shapes that failed.";
 
     fn encode(&self, out: &mut Encoder) {
-        let shape = [self.queries.len(), self.targets.len()];
-        out.f64("values", &self.values, &shape);
-        if let Some(compared) = &self.compared {
-            out.u32("compared", compared, &shape);
-        }
+        out.f64("values", &self.values, &self.order().shape(self.queries.len()));
+        lists::encode(self.compared.as_ref(), out);
         out.header("measure", &self.measure);
         out.header("queries", &self.queries);
         out.header("targets", &self.targets);
@@ -106,13 +165,12 @@ impl Artefact for Similarity {
 
     fn decode(from: &Decoder) -> Result<Self, FormatError> {
         let (values, shape) = from.f64("values")?;
-        let compared = from.has("compared").then(|| from.u32("compared")).transpose()?;
         let (queries, targets): (Vec<String>, Vec<String>) = (from.header("queries")?, from.header("targets")?);
-        let expected = [queries.len(), targets.len()];
-        if shape != expected || compared.as_ref().is_some_and(|(_, s)| *s != expected) {
-            return Err(FormatError(format!("values of shape {shape:?} for {expected:?} names")));
+        let compared = lists::decode(from, queries.len(), targets.len())?;
+        let expected = Order { targets: targets.len(), lists: compared.as_ref() }.shape(queries.len());
+        if shape != expected {
+            return Err(FormatError(format!("values of shape {shape:?} in place of {expected:?}")));
         }
-        let compared = compared.map(|(compared, _)| compared);
         Ok(Self {
             measure: from.header("measure")?,
             queries,
@@ -125,13 +183,17 @@ impl Artefact for Similarity {
 
     fn json(&self) -> Value {
         let rows: Vec<&[f64]> = (0..self.queries.len()).map(|q| self.row(q)).collect();
-        json!({
+        let mut json = json!({
             "measure": self.measure,
             "queries": self.queries,
             "targets": self.targets,
             "values": rows,
             "failed": self.missing,
-        })
+        });
+        if let Some(lists) = &self.compared {
+            json["listed"] = (0..self.queries.len()).map(|q| lists.of(q)).collect();
+        }
+        json
     }
 
     fn summary(&self) -> Vec<(&'static str, String)> {
@@ -140,15 +202,20 @@ impl Artefact for Similarity {
             ("queries", self.queries.len().to_string()),
             ("targets", self.targets.len().to_string()),
         ];
-        if let Some(compared) = &self.compared {
-            let count = compared.iter().filter(|c| **c == 1).count();
-            lines.push(("compared", format!("{count} of {} pairs", compared.len())));
+        if self.compared.is_some() {
+            lines.push(self.order().line(self.queries.len()));
         }
         lines.extend(missing_line(&self.missing));
         lines
     }
 
     fn table(&self) -> Option<Table> {
+        if self.compared.is_some() {
+            let row =
+                |q: usize, (t, x): (usize, f64)| vec![self.queries[q].clone(), self.targets[t].clone(), x.to_string()];
+            let rows = (0..self.queries.len()).flat_map(|q| self.entries(q).map(move |entry| row(q, entry)));
+            return Some(Table::new(&["query", "target", "value"], rows.collect()));
+        }
         let columns = std::iter::once("query".to_owned()).chain(self.targets.iter().cloned()).collect();
         let row = |(q, name): (usize, &String)| {
             std::iter::once(name.clone()).chain(self.row(q).iter().map(f64::to_string)).collect()

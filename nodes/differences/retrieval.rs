@@ -60,18 +60,13 @@ fn measure(one: &str, other: &str) -> Option<Difference> {
 #[must_use]
 pub fn similarities(one: &Similarity, other: &Similarity) -> Vec<Difference> {
     let (rows, columns) = (index(&other.queries), index(&other.targets));
-    let of = |it: &Similarity, q: usize, t: usize| {
-        let at = q * it.targets.len() + t;
-        let compared = it.compared.as_ref().is_none_or(|compared| compared[at] == 1);
-        compared.then(|| it.values[at])
-    };
     let mut largest: Option<(f64, &str, &str, [f64; 2])> = None;
     let (mut sum, mut common, mut changed, mut scale) = (0.0, 0_usize, 0_usize, 0.0_f64);
     for (q, query) in one.queries.iter().enumerate() {
         let Some(row) = rows.get(query.as_str()) else { continue };
-        for (t, target) in one.targets.iter().enumerate() {
-            let Some(column) = columns.get(target.as_str()) else { continue };
-            let (Some(a), Some(b)) = (of(one, q, t), of(other, *row, *column)) else { continue };
+        for (t, a) in one.entries(q) {
+            let target = one.targets[t].as_str();
+            let Some(b) = columns.get(target).and_then(|column| other.value(*row, *column)) else { continue };
             let change = (a - b).abs();
             scale = scale.max(a.abs()).max(b.abs());
             (sum, common, changed) = (sum + change, common + 1, changed + usize::from(change > 0.0));
@@ -90,13 +85,9 @@ pub fn similarities(one: &Similarity, other: &Similarity) -> Vec<Difference> {
         let details = json!({ "query": query, "target": target, "changed": changed, "common": common });
         Difference { values: Some([a, b]), ..Difference::new("similarity", size, text) }.details(details)
     });
-    let compared = |it: &Similarity| {
-        let all = it.values.len();
-        it.compared.as_ref().map_or(all, |compared| compared.iter().filter(|c| **c == 1).count())
-    };
     let [queries, targets] =
         [names("queries", &one.queries, &other.queries), names("targets", &one.targets, &other.targets)];
-    let pairs = Difference::of_count("compared pairs", compared(one), compared(other));
+    let pairs = Difference::of_count("compared pairs", one.values.len(), other.values.len());
     [values, measure(&one.measure, &other.measure), queries, targets, pairs].into_iter().flatten().collect()
 }
 
@@ -364,7 +355,7 @@ mod tests {
 
     #[test]
     fn similarities_are_compared_by_name_where_both_have_a_value() {
-        let of = |names: [&str; 2], values: [f64; 4], compared: Option<Vec<u32>>| {
+        let of = |names: [&str; 2], values: &[f64], compared: Option<crate::lists::Lists>| {
             let names: Vec<String> = names.map(str::to_owned).to_vec();
             let (queries, targets) = (names.clone(), names);
             Similarity {
@@ -376,15 +367,16 @@ mod tests {
                 missing: Vec::new(),
             }
         };
-        let one = of(["a", "b"], [4.0, 1.0, 2.0, 4.0], None);
+        let one = of(["a", "b"], &[4.0, 1.0, 2.0, 4.0], None);
         // The same table but for (b, a), listed the other way round.
-        let other = of(["b", "a"], [4.0, 3.0, 1.0, 4.0], None);
+        let other = of(["b", "a"], &[4.0, 3.0, 1.0, 4.0], None);
         let all = similarities(&one, &other);
         assert_eq!(all.len(), 1, "{all:?}");
         let text = "largest change 0.25 of the largest value, at b and a: 2 -> 3; 0.0625 on average, 1 of 4 pairs";
         assert_eq!((all[0].size, all[0].text.as_str()), (0.25, text));
         // A pair that was not compared has no value to compare.
-        let other = of(["b", "a"], [4.0, 3.0, 1.0, 4.0], Some(vec![1, 0, 1, 1]));
+        let listed = crate::lists::Lists::new([vec![0], vec![0, 1]]);
+        let other = of(["b", "a"], &[4.0, 1.0, 4.0], Some(listed));
         let all = similarities(&one, &other);
         assert_eq!((all.len(), figure(&all, "compared pairs").text.as_str()), (1, "4 -> 3"));
     }

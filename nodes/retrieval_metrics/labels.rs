@@ -41,25 +41,30 @@ impl Labels {
     }
 }
 
-/// `id,class` a line; a first line that says so is a header. Ids may have a file's extension.
+/// `id,class` a line; a first line that says so is a header. Ids may have a file's extension and folder. Semicolons, tabs and, where there is none of
+/// these, blanks separate as well.
 fn table(text: &str) -> Result<BTreeMap<String, String>, String> {
-    let mut known = BTreeMap::new();
+    let mut known = Ids::default();
     for (number, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
-        let cells: Vec<&str> = line.split(',').map(|cell| cell.trim().trim_matches('"').trim()).collect();
+        let separator = [',', ';', '\t'].into_iter().find(|c| line.contains(*c));
+        let cells: Vec<&str> = match separator {
+            Some(separator) => line.split(separator).map(|cell| cell.trim().trim_matches('"').trim()).collect(),
+            None => line.split_whitespace().collect(),
+        };
         let heading = number == 0
             && cells.get(1).is_some_and(|c| ["class", "label", "category"].contains(&c.to_lowercase().as_str()));
         if line.trim().is_empty() || heading {
             continue;
         }
         let [id, class, ..] = cells[..] else {
-            return Err(format!("line {} is not `id,class`", number + 1));
+            return Err(format!("line {} is not `id,class`: `{}`", number + 1, line.trim()));
         };
         if id.is_empty() || class.is_empty() {
-            return Err(format!("line {} has an empty id or class", number + 1));
+            return Err(format!("line {} has an empty id or class: `{}`", number + 1, line.trim()));
         }
-        insert(&mut known, id, class)?;
+        known.insert(id, class)?;
     }
-    Ok(known)
+    Ok(known.finish())
 }
 
 /// The classification files of the Princeton benchmark: `PSB 1`, counts, then for each class a line `name parent count` and its ids.
@@ -69,7 +74,7 @@ fn princeton(text: &str) -> Result<BTreeMap<String, String>, String> {
         return Err("a .cla file begins with `PSB`".into());
     }
     let mut lines = text.lines().map(str::trim).filter(|line| !line.is_empty()).skip(2);
-    let mut known = BTreeMap::new();
+    let mut known = Ids::default();
     while let Some(head) = lines.next() {
         let [name, _parent, count] = head.split_whitespace().collect::<Vec<_>>()[..] else {
             return Err(format!("`{head}` is not a class, its parent and a count"));
@@ -77,22 +82,44 @@ fn princeton(text: &str) -> Result<BTreeMap<String, String>, String> {
         let count: usize = count.parse().map_err(|_| format!("`{count}` is not a count of models"))?;
         for _ in 0..count {
             let id = lines.next().ok_or_else(|| format!("the class {name} has fewer than {count} models"))?;
-            insert(&mut known, id, name)?;
+            known.insert(id, name)?;
         }
     }
-    Ok(known)
+    Ok(known.finish())
 }
 
-fn insert(known: &mut BTreeMap<String, String>, id: &str, class: &str) -> Result<(), String> {
-    // A shape is named after its file's stem, and a file may say either.
-    let stem = id.rsplit('/').next().and_then(|file| file.rsplit_once('.')).map(|(stem, _)| stem);
-    for name in [Some(id), stem].into_iter().flatten() {
-        match known.insert(name.to_owned(), class.to_owned()) {
-            Some(other) if other != class => return Err(format!("`{name}` is of the class {other} and of {class}")),
-            _ => {}
+/// Classes by the ids of a file. A shape is named after its file's stem, or `folder/stem` where stems are equal; a file may say
+/// `folder/stem.off`, and of that any part.
+#[derive(Default)]
+struct Ids {
+    written: BTreeMap<String, String>,
+    /// By shorter forms of what is written; `None` where they are of several classes.
+    implied: BTreeMap<String, Option<String>>,
+}
+
+impl Ids {
+    fn insert(&mut self, id: &str, class: &str) -> Result<(), String> {
+        if let Some(other) = self.written.insert(id.to_owned(), class.to_owned()).filter(|other| other != class) {
+            return Err(format!("`{id}` is of the class {other} and of {class}"));
         }
+        let id = id.replace('\\', "/");
+        let (folders, file) = id.rsplit_once('/').unwrap_or(("", &id));
+        let stem = file.rsplit_once('.').map_or(file, |(stem, _)| stem);
+        let folder = folders.rsplit('/').next().unwrap_or_default();
+        for form in [stem.to_owned(), format!("{folder}/{stem}")] {
+            let known = self.implied.entry(form).or_insert_with(|| Some(class.to_owned()));
+            if known.as_deref() != Some(class) {
+                *known = None;
+            }
+        }
+        Ok(())
     }
-    Ok(())
+
+    fn finish(self) -> BTreeMap<String, String> {
+        let implied = self.implied.into_iter().filter_map(|(id, class)| Some((id, class?)));
+        // What is written counts more than what it implies.
+        implied.chain(self.written).collect()
+    }
 }
 
 /// A piece of a pattern of names.
@@ -179,6 +206,17 @@ mod tests {
         );
         assert_eq!(of("folder/1").as_deref(), Some("ant"));
         assert_eq!(table("a,b\na,c").unwrap_err(), "`a` is of the class b and of c");
+        for text in
+            ["1;ant\n2;sea cup", "1\tant\n2\tsea cup", "\u{feff}name;Category\r\n1.off;ant\r\n2.off; sea cup\r\n"]
+        {
+            let known = table(text).unwrap();
+            assert_eq!((known["1"].as_str(), known["2"].as_str()), ("ant", "sea cup"), "{text:?}");
+        }
+        assert_eq!(table("1.off ant\n2.off cup").unwrap()["2"], "cup");
+        // Files of one name in several folders.
+        let labels = Labels::Known(table("db\\cat\\1.off,cat\ndb/dog/1.off,dog").unwrap());
+        let of = |name: &str| labels.class(name);
+        assert_eq!((of("cat/1").as_deref(), of("dog/1").as_deref(), of("1")), (Some("cat"), Some("dog"), None));
         assert!(table("a").is_err() && table("a,").is_err());
         let psb = "PSB 1\n2 3\n\nant 0 2\n10\n11\n\ncup 0 1\n12\n";
         assert_eq!(princeton(psb).unwrap().get("12").map(String::as_str), Some("cup"));

@@ -15,6 +15,9 @@ use crate::engine::{Cache, Outcome, State};
 use crate::export::{Format, export};
 use crate::graph::{Plan, Shown};
 
+/// Defects that are listed for people: a result over a database may rest on hundreds.
+const DEFECTS_SHOWN: usize = 10;
+
 /// A shown result.
 pub struct Found<'a> {
     shown: &'a Shown,
@@ -88,8 +91,11 @@ impl Found<'_> {
         let rows: Vec<_> =
             self.artefact.summary().into_iter().map(|(label, value)| vec![label.to_owned(), value]).collect();
         let mut text = format!("{} ({})\n{}", self.shown.address, self.kind, table(&rows, 2, &[]));
-        for (address, defect) in &self.defects {
+        for (address, defect) in self.defects.iter().take(DEFECTS_SHOWN) {
             let _ = writeln!(text, "  ! {address}: {defect}");
+        }
+        if let Some(more) = self.defects.len().checked_sub(DEFECTS_SHOWN).filter(|more| *more > 0) {
+            let _ = writeln!(text, "  ! and {more} more such lines: `--json` has all");
         }
         text
     }

@@ -1,5 +1,6 @@
 //! The part of a plan that the wanted results rest on.
 
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
 use petgraph::Direction;
@@ -22,9 +23,15 @@ pub(super) struct Place {
     pub wanted: bool,
     /// Time along the longest path from its start to the end of the run, in seconds.
     pub urgency: f64,
+    /// The most urgent call without inputs that it rests on.
+    pub root: Root,
     /// What it is expected to cost, in seconds, if anything is known.
     pub cost: Option<f64>,
 }
+
+/// A call without inputs, by its urgency in bits (non-negative doubles order as their bits do); the greatest is to be done first, with all that rests
+/// on it: of a thousand shapes each is done to its end before the next is begun, so that the outputs of few are held at once.
+pub(super) type Root = (u64, Reverse<NodeIndex>);
 
 /// The calls that the wanted results rest on, wanted ones included.
 pub(super) struct Cone {
@@ -76,6 +83,7 @@ impl Cone {
                 consumers: BTreeSet::new(),
                 wanted: wanted.contains(&call),
                 urgency: 0.0,
+                root: (0, Reverse(call)),
                 cost: cost.get(&call).copied(),
             };
             places.insert(call, place);
@@ -95,6 +103,14 @@ impl Cone {
                 if let Some(place) = places.get_mut(&producer) {
                     place.consumers.insert(*call);
                 }
+            }
+        }
+        for call in &order {
+            let place = &places[call];
+            let own = (place.urgency.max(0.0).to_bits(), Reverse(*call));
+            let root = place.producers.iter().map(|p| places[p].root).max().unwrap_or(own);
+            if let Some(place) = places.get_mut(call) {
+                place.root = root;
             }
         }
         Self { places, order }

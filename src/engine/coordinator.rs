@@ -8,7 +8,7 @@ use petgraph::graph::NodeIndex;
 use salient_sdk::NodeError;
 
 use super::cache::CacheError;
-use super::cone::Cone;
+use super::cone::{Cone, Root};
 use super::estimate::Estimate;
 use super::event::Event;
 use super::key::{Digest, Ingredients};
@@ -42,8 +42,8 @@ struct Progress {
     looked_again: bool,
 }
 
-/// Lookups first (they are cheap and show what there is to do), then the most urgent call.
-type Rank = (Step, u64, Reverse<NodeIndex>);
+/// Lookups first (they are cheap and show what there is to do), then what rests on the most urgent root, and of that the most urgent call.
+type Rank = (Step, Root, u64, Reverse<NodeIndex>);
 
 /// How a run ended.
 pub(super) struct Ended {
@@ -125,9 +125,8 @@ impl<'a> Coordinator<'a> {
     }
 
     fn push(&mut self, step: Step, call: NodeIndex) {
-        // Non-negative doubles order as their bits do.
-        let urgency = self.cone.place(call).urgency.max(0.0).to_bits();
-        self.ready.push((step, urgency, Reverse(call)));
+        let place = self.cone.place(call);
+        self.ready.push((step, place.root, place.urgency.max(0.0).to_bits(), Reverse(call)));
     }
 
     fn at(&mut self, call: NodeIndex) -> &mut Progress {
@@ -142,7 +141,7 @@ impl<'a> Coordinator<'a> {
     ///
     /// `None` if the next call turned out to rest on one that has failed since.
     pub(super) fn next(&mut self) -> Option<Job> {
-        let (step, _, Reverse(call)) = self.ready.pop()?;
+        let (step, .., Reverse(call)) = self.ready.pop()?;
         let place = self.cone.place(call);
         let producers = &place.producers;
         // What is known already needs no inputs.

@@ -398,7 +398,10 @@ impl<'a, 'r> Walk<'a, 'r> {
                         let known: Vec<&str> = self.scopes[scope].axes.keys().map(String::as_str).collect();
                         let hint = suggest(&name.text, "axes", &known);
                         let message = format!("the graph has no axis `{}`", name.text);
-                        self.report.error(name.span, "unknown-axis", message).hint(hint);
+                        // An axis with an error of its own has been reported.
+                        if !self.scopes[scope].file.over.iter().any(|axis| axis.name.text == name.text) {
+                            self.report.error(name.span, "unknown-axis", message).hint(hint);
+                        }
                         return None;
                     };
                     let arg = if word == "each" { Arg::Each } else { Arg::Folders };

@@ -81,3 +81,35 @@ fn a_broken_shape_is_listed_and_the_rest_ranked() {
     assert_eq!((&partial["queries"], &partial["per_class"]["Cat"]["queries"]), (&6.into(), &3.into()));
     assert!(partial["nn"].as_f64().unwrap() >= 0.5, "{partial}");
 }
+
+#[test]
+fn numbered_files_take_their_classes_from_a_table_and_defects_do_not_flood() {
+    let real = Real::bare();
+    // As a benchmark comes: 1.off, 2.off .. in one folder, surfaces with holes, and a table that the user writes, with semicolons and no header.
+    let graph = "(format: 1, params: {\"shapes\": files(\"*.off\")}, over: {\"shape\": param(\"shapes\")}, nodes: {
+        \"mesh\": load(path: each(\"shape\")), \"v\": volume_signature(mesh: \"mesh\"),
+        \"list\": shortlist(signatures: all(\"v\"), count: 6), \"ranking\": rank(similarity: \"list\"),
+        \"metrics\": retrieval_metrics(ranking: \"ranking\", labels: \"classes.csv\")}, show: [\"metrics\"])";
+    real.write("small.ron", graph);
+    let mut table = String::new();
+    for i in 1..15 {
+        let (class, height) = if i <= 7 { ("flat", 0.1) } else { ("tall", 3.0) };
+        let height = height + 0.01 * f64::from(i % 7);
+        let faces = "3 0 1 2\n3 0 1 3\n3 1 2 3\n";
+        real.write(&format!("{i}.off"), format!("OFF\n4 3 0\n0 0 0\n1 0 0\n0 1 0\n0 0 {height}\n{faces}"));
+        table += &format!("{i};{class}\n");
+    }
+    real.write("classes.csv", table);
+    let found = real.json(&["get", "small.ron", "metrics", "--format", "json"]);
+    assert_eq!(
+        (&found["nn"], &found["first_tier"], &found["per_class"]["tall"]["queries"]),
+        (&1.0.into(), &1.0.into(), &7.into())
+    );
+    let shown = text(&real.ok(&["run", "small.ron"]));
+    let lines = shown.lines().filter(|line| line.contains("boundary edge")).count();
+    assert!(lines < 14 && shown.contains("more such lines"), "{shown}");
+    // Lists one after the other, for a table as well as for numpy.
+    let list = text(&real.ok(&["get", "small.ron", "list", "--format", "csv"]));
+    let (first, rows) = (list.lines().next().unwrap(), list.lines().count() - 1);
+    assert!(first == "query,target,value" && rows >= 14 * 7 && rows < 14 * 14, "{first} {rows}");
+}

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::{Duration, SystemTime};
 
 use salient::engine::upkeep::Limits;
-use salient::engine::{Cache, Cancel, Options, run};
+use salient::engine::{Cache, Cancel, Event, Options, run};
 
 use crate::lab::{Graph, Lab, files};
 use crate::toy::{Scale, Sign, Slow, Sum};
@@ -21,6 +21,31 @@ fn wide(lab: &Lab) -> Graph {
     }
     graph.call("total", &Sum, &[], &terms);
     graph.show(&["total"])
+}
+
+#[test]
+fn each_item_is_done_to_its_end_before_the_next_is_begun() {
+    let mut lab = Lab::new();
+    lab.options.jobs = 1;
+    let mut graph = Graph::new();
+    let mut terms = Vec::new();
+    // Written stage by stage, as the planner numbers the instances of an axis.
+    let reads: Vec<_> = (0..4)
+        .map(|i| graph.read(&format!("read{i}"), &lab.file(&format!("{i}.txt"), &format!("{}\n", 2 * i + 3))))
+        .collect();
+    for (i, read) in reads.into_iter().enumerate() {
+        let once = graph.call(&format!("once{i}"), &Scale::<1>, &[("factor", "2.0")], &[("x", read)]);
+        terms.push(("terms", graph.call(&format!("twice{i}"), &Scale::<1>, &[("factor", "2.0")], &[("x", once)])));
+    }
+    graph.call("total", &Sum, &[], &terms);
+    let ran = lab.run(&graph.show(&["total"]));
+    let begun = |event: &Event| match event {
+        Event::Started { node, .. } => Some(node.clone()),
+        _ => None,
+    };
+    let order: Vec<String> = ran.events.iter().filter_map(begun).collect();
+    let expected = (0..4).flat_map(|i| ["read", "once", "twice"].map(|stage| format!("{stage}{i}")));
+    assert_eq!(order, expected.chain(["total".into()]).collect::<Vec<_>>());
 }
 
 #[test]

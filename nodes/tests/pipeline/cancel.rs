@@ -88,7 +88,12 @@ fn steps(n: usize) -> Vec<Step> {
         ("fused", "fuse", vec![], &[("similarities", "alike"), ("similarities", "alike")]),
         ("network", "network_fusion", vec![], &[("similarities", "alike"), ("similarities", "alike")]),
         ("spread", "diffuse", vec![], &[("similarity", "alike")]),
-        ("list", "shortlist", vec![("count", text("1"))], &[("similarity", "alike")]),
+        (
+            "list",
+            "shortlist",
+            vec![("count", text("1"))],
+            &[("signatures", "cat_0"), ("signatures", "cat_1"), ("signatures", "chair_0")],
+        ),
         (
             "all",
             "match_all",

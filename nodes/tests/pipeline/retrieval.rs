@@ -20,7 +20,7 @@ use salient_nodes::similarity::Similarity;
 use salient_nodes::spectral_signature::{self, HeatSignature, Pool, WaveSignature};
 use salient_nodes::synthesize::{self, Species, Synthesize};
 use salient_sdk::testing::TestHost;
-use salient_sdk::{PortValues, Table};
+use salient_sdk::{AnyArtefact, NodeError, PortValues, Table};
 
 use crate::{basis, creature, defaults, features, matched, run, shuffled};
 
@@ -118,7 +118,7 @@ fn a_shape_is_most_like_itself_and_the_quick_match_is_a_lower_bound() {
         }
     }
     for (i, j) in [(0, 1), (0, 2), (2, 3)] {
-        let quick = scores.pairs[i * 4 + j].unwrap();
+        let quick = scores.pairs[i * 4 + j];
         let proved =
             matched(&shapes[i].1, &shapes[j].1, &iqp_match::Params { limit: Limit::Nodes(50), ..reading.clone() });
         assert!(quick.objective <= proved.bound + 1e-9);
@@ -131,8 +131,7 @@ fn a_shape_is_most_like_itself_and_the_quick_match_is_a_lower_bound() {
     assert_eq!(matches.row(0)[0], 1.0);
     assert_eq!(
         matches.row(0)[1],
-        f64::from(scores.pairs[1].unwrap().matched)
-            / f64::from(scores.queries[0].features.max(scores.queries[1].features))
+        f64::from(scores.pairs[1].matched) / f64::from(scores.queries[0].features.max(scores.queries[1].features))
     );
 }
 
@@ -140,10 +139,9 @@ fn a_shape_is_most_like_itself_and_the_quick_match_is_a_lower_bound() {
 fn an_explanation_adds_up_to_the_score() {
     let shapes = shapes();
     let scores = scores(&TestHost::default(), &shapes, &[]);
-    let wires: [(&str, Arc<dyn salient_sdk::AnyArtefact>); 2] =
-        [("left", shapes[0].1.clone()), ("right", shapes[1].1.clone())];
+    let wires: [(&str, Arc<dyn AnyArtefact>); 2] = [("left", shapes[0].1.clone()), ("right", shapes[1].1.clone())];
     let why = run::<ExplainMatch>(&defaults(), &wires).unwrap();
-    let pair = scores.pairs[1].unwrap();
+    let pair = scores.pairs[1];
     assert_eq!(why.terms.len(), pair.matched as usize);
     assert!((why.objective - pair.objective).abs() < 1e-9 * pair.objective);
     assert!((why.score - scored(&scores, Of::Sum, Over::Themselves).row(0)[1]).abs() < 1e-12);
@@ -157,31 +155,93 @@ fn an_explanation_adds_up_to_the_score() {
     assert!(columns.len() == 7 + 42 && rows.iter().all(|row| row.len() == columns.len()));
 }
 
-#[test]
-fn a_shortlist_saves_matches_and_ranks_the_rest_behind() {
-    let shapes = shapes();
-    let all = scored(&scores(&TestHost::default(), &shapes, &[]), Of::Sum, Over::Themselves);
-    let list = run::<Shortlist>(&shortlist::Params { count: 1 }, &[("similarity", all.clone())]).unwrap();
-    let mut values = wired(&shapes, &[]);
-    values.push("shortlist", "", list);
-    let host = TestHost::default();
-    let few = Arc::new(host.run_wired::<MatchAll>(&defaults(), values).unwrap());
-    assert_eq!(host.recorded("pairs computed").unwrap(), 2);
-    let refused = run::<Score>(&defaults(), &[("scores", few.clone())]).unwrap_err();
-    assert!(refused.help.unwrap().contains("rest"));
-    let alike = run::<Score>(&defaults(), &[("scores", few), ("rest", all.clone())]).unwrap();
-    // With the rest in the order of the full match, the lists are the same.
-    assert_eq!(ranking(&alike, None).order, ranking(&all, None).order);
-    assert_eq!(metrics(&ranking(&all, Some(1))).overall.recall, 1.0);
+/// Signatures of a kind, each of one value.
+fn signatures(kind: &str, names: &[&str], values: &[f64]) -> Vec<(String, Arc<Signature>)> {
+    let one = |(name, x): (&&str, &f64)| {
+        ((*name).to_owned(), Arc::new(Signature { kind: kind.into(), values: vec![*x, 1.0] }))
+    };
+    names.iter().zip(values).map(one).collect()
 }
 
 fn signed(names: &[&str], values: &[f64]) -> Arc<Similarity> {
     let mut port = PortValues::default();
-    for (name, x) in names.iter().zip(values) {
-        port.push("signatures", name, Arc::new(Signature { kind: "x".into(), values: vec![*x, 1.0] }));
-    }
+    signatures("x", names, values).into_iter().for_each(|(name, one)| port.push("signatures", &name, one));
     port.push_missing("signatures", "gone");
     Arc::new(TestHost::default().run_wired::<SignatureSimilarity>(&defaults(), port).unwrap())
+}
+
+fn fused(all: &[&Arc<Similarity>], weights: &[f64]) -> Result<Similarity, NodeError> {
+    let mut port = PortValues::default();
+    for s in all {
+        port.push("similarities", "", Arc::clone(s) as Arc<dyn AnyArtefact>);
+    }
+    TestHost::default().run_wired::<Fuse>(&fuse::Params { weights: weights.to_vec(), ..defaults() }, port)
+}
+
+fn shortlisted(params: &shortlist::Params, of: &[(String, Arc<Signature>)], failed: &[&str]) -> Arc<Similarity> {
+    let mut port = PortValues::default();
+    of.iter().for_each(|(name, signature)| port.push("signatures", name, signature.clone()));
+    failed.iter().for_each(|name| port.push_missing("signatures", name));
+    Arc::new(TestHost::with_workers(2).run_wired::<Shortlist>(params, port).unwrap())
+}
+
+#[test]
+fn a_shortlist_is_what_a_full_comparison_puts_first() {
+    // More shapes than a block, with ties; two kinds, of which one lacks a shape.
+    let names: Vec<String> = (0..75).map(|i| format!("s{i:02}")).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let x: Vec<f64> = (0..75).map(|i| f64::from(i * 29 % 31)).collect();
+    let y: Vec<f64> = (0..74).map(|i| 100.0 * f64::from(i * i % 17)).collect();
+    let both = [signatures("x", &names, &x), signatures("y", &names[..74], &y)].concat();
+    let weights = [1.0, 3.0];
+    let list = shortlisted(&shortlist::Params { count: 7, weights: weights.to_vec() }, &both, &["gone"]);
+    assert_eq!(list.missing, ["gone", "s74"]);
+    // The same by two full tables.
+    let full = Arc::new(fused(&[&signed(&names[..74], &x[..74]), &signed(&names[..74], &y)], &weights).unwrap());
+    let best = ranking(&full, Some(7));
+    let on = |q: usize, t: usize| best.order[q].contains(&(t as u32));
+    for q in 0..74 {
+        for t in 0..74 {
+            let value = list.value(q, t);
+            assert_eq!(value.is_some(), q == t || on(q, t) || on(t, q), "{q} {t}");
+            assert!(value.is_none_or(|v| (v - full.row(q)[t]).abs() < 1e-12), "{q} {t}");
+        }
+    }
+}
+
+#[test]
+fn what_follows_a_shortlist_is_as_of_all_pairs_but_only_there() {
+    let shapes = shapes();
+    let names = shapes.iter().map(|(name, _)| *name).collect::<Vec<_>>();
+    let coarse = signatures("x", &names, &[0.0, 1.0, 5.0, 7.0]);
+    let list = shortlisted(&shortlist::Params { count: 1, weights: vec![] }, &coarse, &[]);
+    let mut values = wired(&shapes, &[]);
+    values.push("shortlist", "", list.clone());
+    let host = TestHost::default();
+    let few = Arc::new(host.run_wired::<MatchAll>(&defaults(), values).unwrap());
+    // Cats with cats, giraffes with giraffes.
+    assert_eq!(host.recorded("pairs computed").unwrap(), 2);
+    let few = scored(&few, Of::Sum, Over::Themselves);
+    let all = scored(&scores(&TestHost::default(), &shapes, &[]), Of::Sum, Over::Themselves);
+    let pairs: Vec<[usize; 2]> = (0..4).flat_map(|q| few.order().row(q).map(move |t| [q, t])).collect();
+    assert_eq!(pairs, [[0, 0], [0, 1], [1, 0], [1, 1], [2, 2], [2, 3], [3, 2], [3, 3]]);
+    assert!(pairs.iter().all(|[q, t]| few.value(*q, *t) == Some(all.row(*q)[*t])));
+    // A shape that is not on the list is left out, and said to be.
+    let mut port = PortValues::default();
+    coarse.iter().for_each(|(name, signature)| port.push("signatures", name, signature.clone()));
+    port.push("signatures", "late", coarse[0].1.clone());
+    port.push("shortlist", "", list.clone());
+    let by_x = Arc::new(TestHost::default().run_wired::<SignatureSimilarity>(&defaults(), port).unwrap());
+    assert_eq!((by_x.missing.join(" "), by_x.value(0, 1), by_x.value(0, 2)), ("late".into(), Some(-1.0), None));
+    // Fused with what is of the same pairs, and only with that; spread; ranked.
+    assert!(fused(&[&few, &all], &[]).unwrap_err().help.unwrap().contains("shortlist"));
+    let both = Arc::new(fused(&[&few, &by_x], &[]).unwrap());
+    assert_eq!(both.compared, list.compared);
+    let spread =
+        run::<Diffuse>(&diffuse::Params { neighbours: 1, alpha: 0.5, ..defaults() }, &[("similarity", both)]).unwrap();
+    assert_eq!(ranking(&spread, None).order, [[1], [0], [3], [2]]);
+    let found = metrics(&ranking(&spread, None));
+    assert_eq!((found.overall.recall, found.overall.map), (1.0, 1.0));
 }
 
 #[test]
@@ -189,13 +249,6 @@ fn fusing_is_free_of_units_and_leaves_out_what_one_lacks() {
     let names = ["a_1", "a_2", "b_1", "b_2"];
     let one = signed(&names, &[0.0, 1.0, 5.0, 7.0]);
     let thousand = signed(&names, &[0.0, 1000.0, 5000.0, 7000.0]);
-    let fused = |all: &[&Arc<Similarity>], weights: &[f64]| {
-        let mut port = PortValues::default();
-        for s in all {
-            port.push("similarities", "", Arc::clone(s) as Arc<dyn salient_sdk::AnyArtefact>);
-        }
-        TestHost::default().run_wired::<Fuse>(&fuse::Params { weights: weights.to_vec(), ..defaults() }, port)
-    };
     let both = fused(&[&one, &thousand], &[]).unwrap();
     let single = fused(&[&one], &[]).unwrap();
     assert!(both.values.iter().zip(&single.values).all(|(x, y)| (x - y).abs() < 1e-12));

@@ -6,21 +6,29 @@ use crate::vec3::{add, dot, lerp, normal, scale, sub};
 
 const NONE: u32 = u32::MAX;
 
-/// A grid of cubes, each cut into the six tetrahedra along one diagonal.
+/// Levels are evaluated in blocks of so many points a side.
+const SIDE: usize = 8;
+
+/// Layers of edges that are kept: those that begin at either end of a layer of cubes.
+const EDGE_LAYERS: usize = 2;
+
+/// A grid of cubes, each cut into the six tetrahedra along one diagonal. A thin shape in a large box would have more points than fit into
+/// memory, so only two layers of blocks are held, in turn.
 struct Grid {
     size: [usize; 3],
     origin: [f64; 3],
     cell: f64,
     turn: [f64; 4],
+    /// At the points of `2 SIDE` layers: point `n` is at `n` modulo the length.
     level: Vec<f64>,
 }
 
-/// A mesh under construction; `on_edge` holds the vertex of each grid edge, seven edges starting at each point of the two
-/// layers of the grid that the march is between, by the layer's parity.
+/// A mesh under construction; `on_edge` holds the vertex of each grid edge, seven edges starting at each grid point, of [`EDGE_LAYERS`] layers in
+/// turn.
 struct Output {
     vertices: Vec<[f64; 3]>,
     faces: Vec<[u32; 3]>,
-    on_edge: [Vec<u32>; 2],
+    on_edge: Vec<u32>,
 }
 
 /// Meshes the zero level of `level` within the box `low`..`high`, outside which it must be positive, as it must be
@@ -35,15 +43,21 @@ pub(crate) fn march(
     stop: Stop,
 ) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
     let pace = Pace::new(stop, 1);
-    let grid = Grid::new(level, |p, r| pace.ends() || clear(p, r), (low, high), cell, (turn, offset));
-    let layer = || vec![NONE; grid.size[0] * grid.size[1] * 7];
-    let mut out = Output { vertices: Vec::new(), faces: Vec::new(), on_edge: [layer(), layer()] };
+    let clear = |p, r| pace.ends() || clear(p, r);
+    let mut grid = Grid::new((low, high), cell, (turn, offset));
+    let edges = 7 * grid.layer();
+    let mut out = Output { vertices: Vec::new(), faces: Vec::new(), on_edge: vec![NONE; EDGE_LAYERS * edges] };
+    grid.fill(0, &level, &clear);
     for k in 0..grid.size[2] - 1 {
         if pace.ends() {
             break;
         }
-        // The layer above is new, in the place of the one that was left.
-        out.on_edge[(k + 1) % 2].fill(NONE);
+        // Cubes reach into the next layer.
+        if (k + 1) % SIDE == 0 {
+            grid.fill((k + 1) / SIDE, &level, &clear);
+        }
+        let next = (k + 1) % EDGE_LAYERS * edges;
+        out.on_edge[next..next + edges].fill(NONE);
         for j in 0..grid.size[1] - 1 {
             for i in 0..grid.size[0] - 1 {
                 grid.cube([i, j, k], &mut out);
@@ -54,13 +68,7 @@ pub(crate) fn march(
 }
 
 impl Grid {
-    fn new(
-        level: impl Fn([f64; 3]) -> f64,
-        clear: impl Fn([f64; 3], f64) -> bool,
-        (low, high): ([f64; 3], [f64; 3]),
-        cell: f64,
-        (turn, offset): ([f64; 4], [f64; 3]),
-    ) -> Self {
+    fn new((low, high): ([f64; 3], [f64; 3]), cell: f64, (turn, offset): ([f64; 4], [f64; 3])) -> Self {
         // The box of the box's corners in the turned frame, and a cell to spare on each side.
         let back = [turn[0], -turn[1], -turn[2], -turn[3]];
         let (mut from, mut to) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
@@ -76,21 +84,24 @@ impl Grid {
         }
         let origin = [0, 1, 2].map(|k| from[k] - (1.0 + offset[k]) * cell);
         let size = [0, 1, 2].map(|k| ((to[k] - origin[k]) / cell) as usize + 3);
-        let mut grid = Self { size, origin, cell, turn, level: Vec::new() };
-        grid.fill(level, clear);
-        grid
+        Self { size, origin, cell, turn, level: vec![1.0; 2 * SIDE * size[0] * size[1]] }
     }
 
-    /// Evaluates the level, block by block; blocks that are clear of the surface are just outside.
-    fn fill(&mut self, level: impl Fn([f64; 3]) -> f64, clear: impl Fn([f64; 3], f64) -> bool) {
-        const SIDE: usize = 8;
+    /// Number of points in a layer.
+    fn layer(&self) -> usize {
+        self.size[0] * self.size[1]
+    }
+
+    /// Evaluates the level in a layer of blocks, in place of the last but one; blocks that are clear of the surface are just outside.
+    fn fill(&mut self, slab: usize, level: impl Fn([f64; 3]) -> f64, clear: impl Fn([f64; 3], f64) -> bool) {
         let half = 0.5 * (SIDE - 1) as f64;
         let reach = 3f64.sqrt() * half * self.cell;
-        self.level = vec![1.0; self.size.iter().product()];
-        let blocks = self.size.map(|n| n.div_ceil(SIDE));
-        for block in 0..blocks.iter().product() {
-            let (i, rest) = (block % blocks[0], block / blocks[0]);
-            let first = [i, rest % blocks[1], rest / blocks[1]].map(|b| b * SIDE);
+        let held = SIDE * self.layer();
+        let from = slab % 2 * held;
+        self.level[from..from + held].fill(1.0);
+        let blocks = [self.size[0].div_ceil(SIDE), self.size[1].div_ceil(SIDE)];
+        for block in 0..blocks[0] * blocks[1] {
+            let first = [block % blocks[0], block / blocks[0], slab].map(|b| b * SIDE);
             if clear(self.place(first.map(|b| b as f64 + half)), reach) {
                 continue;
             }
@@ -99,11 +110,17 @@ impl Grid {
                 for y in first[1]..last[1] {
                     for x in first[0]..last[0] {
                         let n = self.index([x, y, z]);
-                        self.level[n] = level(self.point(n));
+                        let at = n % self.level.len();
+                        self.level[at] = level(self.point(n));
                     }
                 }
             }
         }
+    }
+
+    /// The level at a point of the layers that are held.
+    fn level(&self, n: usize) -> f64 {
+        self.level[n % self.level.len()]
     }
 
     /// The point at grid coordinates.
@@ -123,7 +140,7 @@ impl Grid {
 
     fn cube(&self, at: [usize; 3], out: &mut Output) {
         let corner = |bits: usize| self.index([at[0] + (bits & 1), at[1] + (bits >> 1 & 1), at[2] + (bits >> 2 & 1)]);
-        let inside = (0..8).filter(|&bits| self.level[corner(bits)] < 0.0).count();
+        let inside = (0..8).filter(|&bits| self.level(corner(bits)) < 0.0).count();
         if inside == 0 || inside == 8 {
             return;
         }
@@ -134,7 +151,7 @@ impl Grid {
     }
 
     fn tetrahedron(&self, corners: [(usize, usize); 4], out: &mut Output) {
-        let is_inside = |c: &(usize, usize)| self.level[c.1] < 0.0;
+        let is_inside = |c: &(usize, usize)| self.level(c.1) < 0.0;
         let (mut inner, mut outer) = (Vec::with_capacity(4), Vec::with_capacity(4));
         for c in corners {
             if is_inside(&c) {
@@ -163,15 +180,13 @@ impl Grid {
     fn cut(&self, a: (usize, usize), b: (usize, usize), out: &mut Output) -> u32 {
         let (low, high) = if a.0 < b.0 { (a, b) } else { (b, a) };
         // The difference of corner bits, 1 to 7, names the edge's direction.
-        let layer = self.size[0] * self.size[1];
-        let slot = (low.1 % layer) * 7 + (high.0 - low.0) - 1;
-        let on_edge = &mut out.on_edge[low.1 / layer % 2][slot];
-        if *on_edge == NONE {
-            *on_edge = out.vertices.len() as u32;
-            let (x, y) = (self.level[low.1], self.level[high.1]);
+        let slot = (low.1 * 7 + (high.0 - low.0) - 1) % out.on_edge.len();
+        if out.on_edge[slot] == NONE {
+            out.on_edge[slot] = out.vertices.len() as u32;
+            let (x, y) = (self.level(low.1), self.level(high.1));
             let t = (x / (x - y)).clamp(0.1, 0.9);
             out.vertices.push(lerp(self.point(low.1), self.point(high.1), t));
         }
-        *on_edge
+        out.on_edge[slot]
     }
 }
