@@ -206,7 +206,7 @@ fn scores(one: &Ranking, other: &Ranking) -> Option<Difference> {
     })
 }
 
-/// How many queries have another nearest target, the share of the first [`TOP`] that is kept, the largest movements at the
+/// How many queries have another nearest target, the share of the first ten that is kept, the largest movements at the
 /// top, and scores.
 #[must_use]
 pub fn rankings(one: &Ranking, other: &Ranking) -> Vec<Difference> {

@@ -1,6 +1,7 @@
 //! `salient compare` on the stages, checked against what `get` gives of each variant.
 
 use std::collections::BTreeSet;
+use std::fmt::Write as _;
 
 use serde_json::Value;
 
@@ -117,8 +118,9 @@ fn ranked(real: &Real) {
     let mut wires = Vec::new();
     let mut folders = Vec::new();
     for (i, (seed, pose)) in shapes.enumerate() {
-        nodes += &format!(
-            "\"m{i}\": synthesize(seed: {seed}, pose: {pose}, vertices: 500),\n\"s{i}\": view_signature(mesh: \"m{i}\"),\n"
+        let _ = writeln!(
+            nodes,
+            "\"m{i}\": synthesize(seed: {seed}, pose: {pose}, vertices: 500),\n\"s{i}\": view_signature(mesh: \"m{i}\"),"
         );
         wires.push(format!("\"s{i}\""));
         folders.push(format!("(\"{i}\", \"cat {seed}\")"));
