@@ -196,7 +196,9 @@ def row(problem, name, result, best_known):
     if result is None or not math.isfinite(result["objective"]):
         return f"| {problem} | {name} | failed | | | | |"
     below = 100 * (best_known - result["objective"]) / abs(best_known)
-    gap = "-" if result["bound"] is None else f"{100 * max(0, result['bound'] / result['objective'] - 1):.2f} %"
+    # A peer that has found nothing has no relative gap.
+    gapless = result["bound"] is None or result["objective"] <= 0
+    gap = "-" if gapless else f"{100 * max(0, result['bound'] / result['objective'] - 1):.2f} %"
     # A time to the best known only where it was reached.
     best = result["best"] if below <= 1e-6 else None
     return (f"| {problem} | {name} | {result['objective']:.6f} | {below:.3f} % | {seconds(best)} | "
