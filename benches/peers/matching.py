@@ -4,7 +4,8 @@
 
 Problems are synthetic ones (`matching_file --make`: 6 candidates a feature, sparse pair scores; "hard" has 70 % of the points in common,
 "none" has none) or the files given. HiGHS and SCIP solve the *tight* linearisation: for each candidate a and each feature, the sum
-over its candidates b of y_ab <= x_a. One thread each. Building the model is not timed, for anyone. pylibmgm has no bound and no proof; its time to best
+over its candidates b of y_ab <= x_a. One thread each, but for the two
+islands of salient's heuristic search. Building the model is not timed, for anyone. pylibmgm has no bound and no proof; its time to best
 is that of its whole run.
 
 The peers are installed from PyPI into target/peers/matching on first use.
