@@ -4,7 +4,8 @@
 
 Problems are synthetic ones (`matching_file --make`: 6 candidates a feature, sparse pair scores; "hard" has 70 % of the points in common,
 "none" has none) or the files given. HiGHS and SCIP solve the *tight* linearisation: for each candidate a and each feature, the sum
-over its candidates b of y_ab <= x_a. One thread each. Building the model is not timed, for anyone. pylibmgm has no bound and no proof; its time to best
+over its candidates b of y_ab <= x_a. One thread each, but for the two
+islands of salient's heuristic search. Building the model is not timed, for anyone. pylibmgm has no bound and no proof; its time to best
 is that of its whole run.
 
 The peers are installed from PyPI into target/peers/matching on first use.
@@ -196,7 +197,9 @@ def row(problem, name, result, best_known):
     if result is None or not math.isfinite(result["objective"]):
         return f"| {problem} | {name} | failed | | | | |"
     below = 100 * (best_known - result["objective"]) / abs(best_known)
-    gap = "-" if result["bound"] is None else f"{100 * max(0, result['bound'] / result['objective'] - 1):.2f} %"
+    # A peer that has found nothing has no relative gap.
+    gapless = result["bound"] is None or result["objective"] <= 0
+    gap = "-" if gapless else f"{100 * max(0, result['bound'] / result['objective'] - 1):.2f} %"
     # A time to the best known only where it was reached.
     best = result["best"] if below <= 1e-6 else None
     return (f"| {problem} | {name} | {result['objective']:.6f} | {below:.3f} % | {seconds(best)} | "

@@ -18,7 +18,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     match args.first().map(String::as_str) {
         None | Some("--help" | "-h") => Err("matching_file FILE [--nodes N] [--seconds S] [--solutions K] [--seed S] \
-            [--json], or --make hard|none N SEED"
+            [--starts N] [--idle N] [--json], or --make hard|none N SEED"
             .into()),
         Some("--make") => make(&args[1..]),
         Some(file) => run(file, &args[1..]),

@@ -114,7 +114,7 @@ fn swapped(p: &Problem) -> Problem {
 
 #[test]
 fn a_swap_of_left_and_right_changes_nothing() {
-    let limits = Limits { node_limit: 5, solutions: 3, ..Limits::default() };
+    let limits = Limits { node_limit: 5, solutions: 3, starts: 60, ..Limits::default() };
     let mut open = 0;
     for p in problems().into_iter().chain([Synthetic::none(30, 9).build().unwrap().0]) {
         let q = swapped(&p);
@@ -137,4 +137,16 @@ fn a_swap_of_left_and_right_changes_nothing() {
         open += usize::from(s.stop == StopReason::NodeLimit);
     }
     assert!(open > 3, "some must stop with a gap: {open}");
+}
+
+#[test]
+fn threads_change_nothing() {
+    let (problem, _) = Synthetic::none(30, 2).build().unwrap();
+    let limits = Limits { node_limit: 2, solutions: 3, starts: 200, ..Limits::default() };
+    let alone = solve(&problem, &limits, &Control::default()).unwrap();
+    let threads = |n: usize, call: &(dyn Fn(usize) + Sync)| {
+        std::thread::scope(|scope| (0..n).rev().for_each(|i| drop(scope.spawn(move || call(i)))));
+    };
+    let together = solve(&problem, &limits, &Control { spread: &threads, ..Control::default() }).unwrap();
+    assert_eq!(alone, together);
 }

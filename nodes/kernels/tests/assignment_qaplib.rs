@@ -49,7 +49,8 @@ fn run(root: &Path, name: &str, limits: &Limits) -> (Solution, f64) {
 fn known_optima_are_found_and_never_excluded() {
     let Some(root) = data() else { return };
     for name in ["rou12", "esc16a", "esc16b", "esc16c", "esc16d", "nug14", "chr15a", "scr15"] {
-        let (s, optimum) = run(&root, name, &Limits { node_limit: 3, root_rounds: 5, ..Limits::default() });
+        let (s, optimum) =
+            run(&root, name, &Limits { node_limit: 3, root_rounds: 5, starts: 300, ..Limits::default() });
         assert_eq!(-s.objective, optimum, "{name}");
         assert!(-s.upper_bound <= optimum, "{name}");
     }
@@ -58,7 +59,7 @@ fn known_optima_are_found_and_never_excluded() {
 #[test]
 fn known_optima_are_proved() {
     let Some(root) = data() else { return };
-    for name in ["chr12a", "chr12b", "chr12c", "scr12", "had12", "had14", "nug12", "tai12a"] {
+    for name in ["chr12a", "chr12b", "chr12c", "scr12", "had12", "had14", "nug12", "tai12a", "esc16a"] {
         let (s, optimum) = run(&root, name, &Limits { node_limit: 5_000, ..Limits::default() });
         assert_eq!((-s.objective, -s.upper_bound, s.proved), (optimum, optimum, true), "{name}");
     }

@@ -49,10 +49,9 @@ impl<'a> Island<'a> {
             self.waited = 0;
         }
         let known = self.elite.iter().any(|e| e.0 == value && e.1 == set);
-        if known {
-        } else if self.elite.len() < ELITE {
+        if !known && self.elite.len() < ELITE {
             self.elite.push((value, set.to_vec()));
-        } else if let Some(worst) = self.elite.iter_mut().min_by_key(|e| e.0).filter(|e| e.0 < value) {
+        } else if !known && let Some(worst) = self.elite.iter_mut().min_by_key(|e| e.0).filter(|e| e.0 < value) {
             *worst = (value, set.to_vec());
         }
         if self.waited > PATIENCE {

@@ -102,7 +102,11 @@ impl<'a> Tables<'a> {
 /// Where the variables of each feature begin, if they are in the order of features.
 fn starts(feature: &[u32], n: usize) -> Vec<usize> {
     let mut start = vec![0; n + 1];
-    feature.iter().for_each(|&k| start[k as usize + 1] += 1);
-    (0..n).for_each(|k| start[k + 1] += start[k]);
+    for &k in feature {
+        start[k as usize + 1] += 1;
+    }
+    for k in 0..n {
+        start[k + 1] += start[k];
+    }
     start
 }

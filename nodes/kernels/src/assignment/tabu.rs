@@ -420,3 +420,61 @@ impl<'a> Search<'a> {
 fn tenure(t: &Tables) -> usize {
     4 + t.m.n_left / if t.m.mandatory { 4 } else { 13 }
 }
+
+#[cfg(test)]
+#[expect(clippy::float_cmp, reason = "sums of integers are exact")]
+mod tests {
+    use super::super::canonical::Canonical;
+    use super::super::model::Model;
+    use super::super::problem::Problem;
+    use super::super::synthetic::Synthetic;
+    use super::*;
+
+    /// The objective from the model's terms alone.
+    fn value(m: &Model, set: &[usize]) -> i64 {
+        let together = |(n, &a): (usize, &usize)| set[..n].iter().map(|&b| m.pair(a, b)).sum::<i64>() + m.linear[a];
+        set.iter().enumerate().map(together).sum()
+    }
+
+    fn every_move_changes_the_objective_by_what_it_says(problem: &Problem) {
+        let m = Model::plain(&Canonical::new(problem));
+        let tables = Tables::new(&m);
+        let mut search = Search::new(&tables, 3, 1);
+        assert!(search.construct());
+        for _ in 0..60 {
+            search.shake(1);
+            let set: Vec<usize> = search.at_left.iter().filter(|&&a| a != NONE).map(|&a| a as usize).collect();
+            let before = value(&m, &set);
+            assert_eq!(search.value, before as f64);
+            for a in 0..m.left.len() {
+                let mut after: Vec<usize> =
+                    set.iter().copied().filter(|&b| m.left[b] != m.left[a] && m.right[b] != m.right[a]).collect();
+                if !set.contains(&a) {
+                    after.push(a);
+                }
+                assert_eq!(search.key[a], (value(&m, &after) - before) as f64);
+                if search.rejoin[a] != NONE {
+                    let other = search.rejoin[a] as usize;
+                    after.push(other);
+                    assert!(
+                        after.iter().all(|&b| b == other || m.left[b] != m.left[other] && m.right[b] != m.right[other])
+                    );
+                    let change = search.key[a] + search.gain[other] + search.with[a];
+                    assert_eq!(change, (value(&m, &after) - before) as f64);
+                }
+                assert_eq!(search.joining.contains(&(a as u32)), search.rejoin[a] != NONE);
+            }
+        }
+    }
+
+    #[test]
+    fn moves_are_kept_up_to_date() {
+        for shift in [0.0, 0.3] {
+            let synthetic = Synthetic { shift, right: 9, ..Synthetic::none(12, 3) };
+            every_move_changes_the_objective_by_what_it_says(&synthetic.build().unwrap().0);
+        }
+        let matrix = |f: fn(usize) -> usize| (0..36).map(|e| (f(e) % 11) as f64).collect::<Vec<_>>();
+        let qap = Problem::from_qaplib(6, &matrix(|e| 7 * e), &matrix(|e| e * e)).unwrap();
+        every_move_changes_the_objective_by_what_it_says(&qap);
+    }
+}
