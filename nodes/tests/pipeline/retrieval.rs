@@ -165,7 +165,9 @@ fn signatures(kind: &str, names: &[&str], values: &[f64]) -> Vec<(String, Arc<Si
 
 fn signed(names: &[&str], values: &[f64]) -> Arc<Similarity> {
     let mut port = PortValues::default();
-    signatures("x", names, values).into_iter().for_each(|(name, one)| port.push("signatures", &name, one));
+    for (name, one) in signatures("x", names, values) {
+        port.push("signatures", &name, one);
+    }
     port.push_missing("signatures", "gone");
     Arc::new(TestHost::default().run_wired::<SignatureSimilarity>(&defaults(), port).unwrap())
 }
@@ -180,8 +182,12 @@ fn fused(all: &[&Arc<Similarity>], weights: &[f64]) -> Result<Similarity, NodeEr
 
 fn shortlisted(params: &shortlist::Params, of: &[(String, Arc<Signature>)], failed: &[&str]) -> Arc<Similarity> {
     let mut port = PortValues::default();
-    of.iter().for_each(|(name, signature)| port.push("signatures", name, signature.clone()));
-    failed.iter().for_each(|name| port.push_missing("signatures", name));
+    for (name, signature) in of {
+        port.push("signatures", name, signature.clone());
+    }
+    for name in failed {
+        port.push_missing("signatures", name);
+    }
     Arc::new(TestHost::with_workers(2).run_wired::<Shortlist>(params, port).unwrap())
 }
 
@@ -228,7 +234,9 @@ fn what_follows_a_shortlist_is_as_of_all_pairs_but_only_there() {
     assert!(pairs.iter().all(|[q, t]| few.value(*q, *t) == Some(all.row(*q)[*t])));
     // A shape that is not on the list is left out, and said to be.
     let mut port = PortValues::default();
-    coarse.iter().for_each(|(name, signature)| port.push("signatures", name, signature.clone()));
+    for (name, signature) in &coarse {
+        port.push("signatures", name, signature.clone());
+    }
     port.push("signatures", "late", coarse[0].1.clone());
     port.push("shortlist", "", list.clone());
     let by_x = Arc::new(TestHost::default().run_wired::<SignatureSimilarity>(&defaults(), port).unwrap());

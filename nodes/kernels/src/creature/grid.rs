@@ -47,14 +47,14 @@ pub(crate) fn march(
     let mut grid = Grid::new((low, high), cell, (turn, offset));
     let edges = 7 * grid.layer();
     let mut out = Output { vertices: Vec::new(), faces: Vec::new(), on_edge: vec![NONE; EDGE_LAYERS * edges] };
-    grid.fill(0, &level, &clear);
+    grid.fill(0, &level, clear);
     for k in 0..grid.size[2] - 1 {
         if pace.ends() {
             break;
         }
         // Cubes reach into the next layer.
         if (k + 1) % SIDE == 0 {
-            grid.fill((k + 1) / SIDE, &level, &clear);
+            grid.fill((k + 1) / SIDE, &level, clear);
         }
         let next = (k + 1) % EDGE_LAYERS * edges;
         out.on_edge[next..next + edges].fill(NONE);
