@@ -119,7 +119,9 @@ impl Network {
 /// A row with half of its weight on the diagonal, and 1 in all.
 fn halved(row: &mut [f64], diagonal: usize) {
     let sum = row.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-    row.iter_mut().for_each(|x| *x /= 2.0 * sum);
+    for x in row.iter_mut() {
+        *x /= 2.0 * sum;
+    }
     row[diagonal] += 0.5;
 }
 

@@ -71,9 +71,9 @@ pub struct Params {
     /// How many shapes the words are made of, at most: those of the smallest hash. At least 1, default 64.
     #[schemars(range(min = 1))]
     pub shapes: u32,
-    /// How many points of each, at most. At least 1, default 100.
+    /// How many points of each shape, at most. At least 1, default 100.
     #[schemars(range(min = 1))]
-    pub points: u32,
+    pub per_shape: u32,
     /// Start of the random numbers. Default 0.
     pub seed: u64,
     /// Rounds of k-means, at most. 1 to 10,000, default 50.
@@ -83,7 +83,7 @@ pub struct Params {
 
 impl Default for Params {
     fn default() -> Self {
-        Self { words: 128, shapes: 64, points: 100, seed: 0, rounds: 50 }
+        Self { words: 128, shapes: 64, per_shape: 100, seed: 0, rounds: 50 }
     }
 }
 
@@ -133,7 +133,7 @@ impl Node for MakeVocabulary {
         chosen.truncate(params.shapes as usize);
         let mut all = Vec::new();
         for (_, shape) in chosen {
-            for (i, _) in by_area(&shape.shares, params.points as usize) {
+            for (i, _) in by_area(&shape.shares, params.per_shape as usize) {
                 all.extend_from_slice(&shape.values[i * width..(i + 1) * width]);
             }
         }
