@@ -60,7 +60,7 @@ fn known_optima_are_found_and_never_excluded() {
 fn known_optima_are_proved() {
     let Some(root) = data() else { return };
     for name in ["chr12a", "chr12b", "chr12c", "scr12", "had12", "had14", "nug12", "tai12a", "esc16a"] {
-        let (s, optimum) = run(&root, name, &Limits { node_limit: 5_000, ..Limits::default() });
+        let (s, optimum) = run(&root, name, &Limits { node_limit: 5_000, starts: 300, ..Limits::default() });
         assert_eq!((-s.objective, -s.upper_bound, s.proved), (optimum, optimum, true), "{name}");
     }
 }
