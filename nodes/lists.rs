@@ -107,7 +107,7 @@ impl<'a> Order<'a> {
     }
 }
 
-/// Writes lists as `lengths` [queries] and `listed`, one list after the other.
+/// Writes lists as `lengths` \[queries\] and `listed`, one list after the other.
 pub fn encode(lists: Option<&Lists>, out: &mut Encoder) {
     if let Some(lists) = lists {
         let lengths: Vec<u32> = (0..lists.queries()).map(|q| lists.of(q).len() as u32).collect();
