@@ -9,6 +9,7 @@
 #![expect(clippy::disallowed_methods, reason = "a program, not a node")]
 
 use std::error::Error;
+use std::io::{self, Write};
 use std::time::Instant;
 
 use salient_kernels::assignment::qaplib::Qap;
@@ -17,13 +18,17 @@ use salient_kernels::assignment::{Control, Limits, Problem, Solution, Synthetic,
 fn main() -> Result<(), Box<dyn Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     match args.first().map(String::as_str) {
-        None | Some("--help" | "-h") => Err("matching_file FILE [--nodes N] [--seconds S] [--solutions K] [--seed S] \
-            [--starts N] [--idle N] [--json], or --make hard|none N SEED"
-            .into()),
+        None => Err(USAGE.into()),
+        Some("--help" | "-h") => tell(USAGE),
         Some("--make") => make(&args[1..]),
         Some(file) => run(file, &args[1..]),
     }
 }
+
+const USAGE: &str = "matching_file FILE [--nodes N] [--seconds S] [--solutions K] [--seed S] [--starts N] [--idle N] [--json], or --make hard|none N SEED\n";
+
+/// Options that take a value.
+const OPTIONS: [&str; 6] = ["--nodes", "--seconds", "--solutions", "--seed", "--starts", "--idle"];
 
 fn make(args: &[String]) -> Result<(), Box<dyn Error>> {
     let [kind, n, seed] = args else { return Err("--make takes hard or none, a size, a seed".into()) };
@@ -34,7 +39,25 @@ fn make(args: &[String]) -> Result<(), Box<dyn Error>> {
         other => return Err(format!("`{other}` is neither hard nor none").into()),
     };
     let written = dd::write(&synthetic.build()?.0).ok_or("the problem has no .dd form")?;
-    print!("{}", written.text);
+    tell(&written.text)
+}
+
+/// Writes to standard output, whose reader may have seen enough.
+fn tell(text: &str) -> Result<(), Box<dyn Error>> {
+    match io::stdout().write_all(text.as_bytes()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error.into()),
+        _ => Ok(()),
+    }
+}
+
+/// Refuses options that are none, which else would be taken for not given.
+fn check(args: &[String]) -> Result<(), Box<dyn Error>> {
+    let mut args = args.iter();
+    while let Some(arg) = args.next() {
+        if arg != "--json" && !(OPTIONS.contains(&arg.as_str()) && args.next().is_some()) {
+            return Err(format!("`{arg}` is no option or lacks its value; --help lists them").into());
+        }
+    }
     Ok(())
 }
 
@@ -46,6 +69,7 @@ fn option<T: std::str::FromStr>(args: &[String], name: &str) -> Result<Option<T>
 }
 
 fn run(file: &str, args: &[String]) -> Result<(), Box<dyn Error>> {
+    check(args)?;
     let text = std::fs::read_to_string(file).map_err(|e| format!("{file}: {e}"))?;
     let dd_file = std::path::Path::new(file).extension().is_some_and(|e| e.eq_ignore_ascii_case("dd"));
     let problem: Problem = if dd_file {
@@ -73,12 +97,8 @@ fn run(file: &str, args: &[String]) -> Result<(), Box<dyn Error>> {
     let solution = solve(&problem, &limits, &control)?;
     let total = start.elapsed().as_secs_f64();
     let times = [timeline.first(), Some(timeline.best()), timeline.proof(), Some(total)];
-    if args.iter().any(|a| a == "--json") {
-        println!("{}", json(&solution, times));
-    } else {
-        print(&solution, times);
-    }
-    Ok(())
+    let as_json = args.iter().any(|a| a == "--json");
+    tell(&if as_json { json(&solution, times) + "\n" } else { lines(&solution, times).join("\n") + "\n" })
 }
 
 /// Each call on a thread of its own, but for the first.
@@ -89,15 +109,18 @@ fn spread(n: usize, call: &(dyn Fn(usize) + Sync)) {
     });
 }
 
-fn print(s: &Solution, [first, best, proof, total]: [Option<f64>; 4]) {
-    println!("cost {} bound {} gap {:.3} %", -s.objective, -s.upper_bound, 100.0 * s.relative_gap());
-    println!("root bound {}, {} nodes, best after {}", -s.root_bound, s.nodes, s.nodes_to_best);
+fn lines(s: &Solution, [first, best, proof, total]: [Option<f64>; 4]) -> Vec<String> {
     let time = |t: Option<f64>| t.map_or("never".into(), |t| format!("{t:.3} s"));
-    println!("first {}, best {}, proof {}, in all {}", time(first), time(best), time(proof), time(total));
-    println!("ended: {:?}{}", s.stop, if s.reproducible { "" } else { " (by time: another run may differ)" });
-    for (rank, one) in s.ranked.iter().enumerate() {
-        println!("{}: cost {}, candidates {:?}", rank + 1, -one.objective, one.candidates);
-    }
+    let caution = if s.reproducible { "" } else { " (by time: another run may differ)" };
+    let mut lines = vec![
+        format!("cost {} bound {} gap {:.3} %", -s.objective, -s.upper_bound, 100.0 * s.relative_gap()),
+        format!("root bound {}, {} nodes, best after {}", -s.root_bound, s.nodes, s.nodes_to_best),
+        format!("first {}, best {}, proof {}, in all {}", time(first), time(best), time(proof), time(total)),
+        format!("ended: {:?}{caution}", s.stop),
+    ];
+    let ranked = s.ranked.iter().enumerate();
+    lines.extend(ranked.map(|(i, one)| format!("{}: cost {}, candidates {:?}", i + 1, -one.objective, one.candidates)));
+    lines
 }
 
 fn json(s: &Solution, times: [Option<f64>; 4]) -> String {
