@@ -116,7 +116,8 @@ pub struct PanoramaSignature;
 impl Node for PanoramaSignature {
     const KIND: &'static str = "panorama_signature";
     const VERSION: u32 = 1;
-    const DOC: &'static str = "What a surface looks like from its principal axes, all around: low frequencies of its distance and facing on cylinders (after         Papadakis et al. 2010).";
+    const DOC: &'static str = "What a surface looks like from its principal axes, all around: low frequencies of its distance and facing on cylinders \
+        (after Papadakis et al. 2010).";
     const EXAMPLE: &'static str = r#"
         "mesh":      synthesize(),
         "signature": panorama_signature(mesh: "mesh", align: Area),
