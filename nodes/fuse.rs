@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::lists::{Lists, Order};
 use crate::similarity::{Similarity, united};
+use crate::weights;
 
 /// What the distances of a measure are compared with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -80,24 +81,16 @@ impl Node for Fuse {
     type Output = Similarity;
 
     fn check(params: &Params) -> Vec<(&'static str, String)> {
-        let bad = params.weights.iter().find(|w| **w < 0.0).map(|w| format!("a weight is {w}; it must be at least 0"));
-        bad.map(|message| ("weights", message)).into_iter().collect()
+        weights::check(&params.weights)
     }
 
     fn run(params: &Params, In { similarities }: In, cx: Context) -> Result<Similarity, NodeError> {
         cx.check()?;
-        let count = similarities.len();
-        let weights = if params.weights.is_empty() { vec![1.0; count] } else { params.weights.clone() };
-        let total: f64 = weights.iter().sum();
-        if weights.len() != count || total <= 0.0 {
-            let message = format!("{} weights, summing to {total}, for {count} similarities", weights.len());
-            return Err(NodeError::new(message).help("give one weight for each, not all 0"));
-        }
+        let shares = weights::shares(&params.weights, similarities.len(), "similarities")?;
         let shared = Shared::of(&similarities)?;
         let mut values = vec![0.0; shared.order().pairs(shared.queries.len())];
-        for (s, weight) in similarities.iter().zip(&weights) {
+        for (s, share) in similarities.iter().zip(&shares) {
             let distances = shared.distances(s);
-            let share = weight / total;
             match params.scale {
                 Scale::Mean => {
                     let unit = mean_distance(s);
@@ -109,7 +102,7 @@ impl Node for Fuse {
                 }
             }
         }
-        let used = similarities.iter().zip(&weights).filter(|(_, w)| **w > 0.0);
+        let used = similarities.iter().zip(&shares).filter(|(_, w)| **w > 0.0);
         let names: Vec<&str> = used.map(|(s, _)| s.measure.as_str()).collect();
         Ok(shared.similarity(names.join(" + "), values))
     }
@@ -140,7 +133,7 @@ impl Shared {
                 |all: &[String], kept: &[String]| all.iter().filter(|n| !kept.contains(n)).cloned().collect::<Vec<_>>();
             let lost = united(&lost(&s.queries, &queries), &lost(&s.targets, &targets));
             missing = united(&missing, &united(&s.missing, &lost));
-            let own = s.of_shapes(&queries, &targets).compared;
+            let own = s.compared.as_ref().and_then(|_| s.of_shapes(&queries, &targets).compared);
             if *compared.get_or_insert_with(|| own.clone()) != own {
                 return Err(NodeError::new(format!("{} and {} are not of the same pairs", all[0].measure, s.measure))
                     .help("wire the same `shortlist` to all of them, or to none"));

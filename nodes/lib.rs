@@ -41,6 +41,7 @@ pub mod truth;
 pub mod views;
 pub mod vocabulary;
 pub mod volume_signature;
+pub mod weights;
 
 use salient_sdk::AnyNode;
 

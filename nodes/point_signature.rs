@@ -118,10 +118,6 @@ impl Node for PointSignature {
         let (vertices, shares): (Vec<u32>, Vec<f64>) =
             by_area(&basis.mass, params.points as usize).into_iter().map(|(v, share)| (v as u32, share)).unzip();
         let values = vertices.iter().flat_map(|v| fields.iter().map(|f| log(f[*v as usize]))).collect();
-        let kind = match params.kernel {
-            Kernel::Heat => "heat kernel",
-            Kernel::Wave => "wave kernel",
-        };
-        Ok(Points { kind: kind.into(), vertices, shares, values })
+        Ok(Points { kind: params.kernel.name().into(), vertices, shares, values })
     }
 }

@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::lists::Lists;
 use crate::signature::Signature;
 use crate::similarity::{Similarity, united};
+use crate::weights;
 
 /// Rows that are compared with all shapes at once, so that every signature is fetched once for all of them.
 const BLOCK: usize = 32;
@@ -75,8 +76,7 @@ impl Node for Shortlist {
     type Output = Similarity;
 
     fn check(params: &Params) -> Vec<(&'static str, String)> {
-        let bad = params.weights.iter().find(|w| **w < 0.0).map(|w| format!("a weight is {w}; it must be at least 0"));
-        bad.map(|message| ("weights", message)).into_iter().collect()
+        weights::check(&params.weights)
     }
 
     fn run(params: &Params, In { signatures, missing }: In, cx: Context) -> Result<Similarity, NodeError> {
@@ -154,22 +154,16 @@ impl<'a> Index<'a> {
                 format!("no shape has a signature of each kind ({}); {} failed", kinds.join(", "), missing.len());
             return Err(NodeError::new(message).help("wire several kinds as `[all(\"wave\"), all(\"view\")]`"));
         }
-        let weights = if weights.is_empty() { vec![1.0; kinds.len()] } else { weights.to_vec() };
-        let total: f64 = weights.iter().sum();
-        if weights.len() != kinds.len() || total <= 0.0 {
-            let message =
-                format!("{} weights, summing to {total}, for {} kinds of signatures", weights.len(), kinds.len());
-            return Err(NodeError::new(message).help("give one weight for each, not all 0"));
-        }
+        let shares = weights::shares(weights, kinds.len(), "kinds of signatures")?;
         let mut of = Vec::with_capacity(kinds.len());
-        for (kind, weight) in kinds.iter().zip(&weights) {
+        for (kind, share) in kinds.iter().zip(&shares) {
             let values: Vec<&[f64]> = names.iter().map(|name| by_kind[kind][name.as_str()]).collect();
             if let Some(at) = values.iter().position(|v| v.len() != values[0].len()) {
                 let (name, got, expected) = (names[at], values[at].len(), values[0].len());
                 return Err(NodeError::new(format!("{kind} of `{name}` has {got} values, of others {expected}")));
             }
             let mut one = Kind { values, factor: 1.0 };
-            one.factor = weight / total / one.mean(cx)?;
+            one.factor = share / one.mean(cx)?;
             of.push(one);
         }
         Ok(Self { names: names.into_iter().cloned().collect(), kinds, of, missing })

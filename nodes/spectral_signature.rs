@@ -64,7 +64,7 @@ impl Node for HeatSignature {
     type Output = Signature;
 
     fn run(params: &Params, Spectral { basis }: Spectral, cx: Context) -> Result<Signature, NodeError> {
-        Ok(Signature { kind: "heat kernel".into(), values: pooled(&basis, params, Kernel::Heat, cx)? })
+        pooled(&basis, params, Kernel::Heat, cx)
     }
 }
 
@@ -86,7 +86,7 @@ impl Node for WaveSignature {
     type Output = Signature;
 
     fn run(params: &Params, Spectral { basis }: Spectral, cx: Context) -> Result<Signature, NodeError> {
-        Ok(Signature { kind: "wave kernel".into(), values: pooled(&basis, params, Kernel::Wave, cx)? })
+        pooled(&basis, params, Kernel::Wave, cx)
     }
 }
 
@@ -100,6 +100,14 @@ pub enum Kernel {
 }
 
 impl Kernel {
+    /// As the kind of what is made of it.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Heat => "heat kernel",
+            Self::Wave => "wave kernel",
+        }
+    }
+
     /// The weight of an eigenvalue times the area in step `at` of `steps`.
     fn weight(self, lambda: f64, at: u32, steps: u32) -> f64 {
         let share = f64::from(at) / f64::from(steps - 1);
@@ -146,13 +154,14 @@ pub(crate) fn log(x: f64) -> f64 {
 }
 
 /// The logarithms of a point signature, pooled, step by step.
-fn pooled(basis: &Eigenpairs, params: &Params, kernel: Kernel, cx: Context) -> Result<Vec<f64>, NodeError> {
+fn pooled(basis: &Eigenpairs, params: &Params, kernel: Kernel, cx: Context) -> Result<Signature, NodeError> {
     let area: f64 = basis.mass.iter().sum();
     let pool = |field: &Vec<f64>| match params.pool {
         Pool::Average => vec![log(field.iter().zip(&basis.mass).map(|(f, m)| f * m).sum::<f64>() / area)],
         Pool::Quantiles => quantiles(field, &basis.mass).into_iter().map(log).collect(),
     };
-    Ok(kernel.fields(basis, params.steps, cx)?.iter().flat_map(pool).collect())
+    let values = kernel.fields(basis, params.steps, cx)?.iter().flat_map(pool).collect();
+    Ok(Signature { kind: kernel.name().into(), values })
 }
 
 /// Values below this are as good as zero, and their logarithm should not decide anything.
