@@ -69,7 +69,7 @@ pub(super) struct Attempt {
 pub(super) fn union<'a>(spectrum: &Spectrum<'a>, attempt: Attempt) -> Result<Union<'a>, EigenError> {
     let slices = plan(spectrum, attempt)?;
     let count = slices.len();
-    let blocks = count * expected_blocks(spectrum.wanted / count, count == 1);
+    let blocks = count * expected_blocks(spectrum.n, spectrum.wanted / count, count == 1);
     let done = AtomicUsize::new(0);
     let step = || {
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;

@@ -112,7 +112,7 @@ impl<'a> Solver<'a> {
 
     fn attempts(&self) -> Result<Eigenpairs, EigenError> {
         let n = self.problem.n();
-        let krylov = WIDTH * expected_blocks(self.wanted(), true);
+        let krylov = WIDTH * expected_blocks(n, self.wanted(), true);
         // Measured at 1,093 vertices and 300 pairs: the dense solver takes three times as long.
         if n <= self.options.dense_limit || 4 * krylov > 3 * n {
             return self.certified(self.dense()?, Method::Dense, 0);
