@@ -313,7 +313,7 @@ mod tests {
         let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
         let factorizer = Factorizer::new(&problem).expect("small");
         let (order, n) = (factorizer.order(), vertices.len());
-        let (null, pool) = (problem.null(&order), Pool::new(n));
+        let (null, pool) = (problem.null(&order), Pool::new(n, 24));
         let columns = Columns::new(&problem, &null, &order, &());
         // Errors as a factorisation with growth leaves them: noise of 1e-8 in the vectors.
         let mut random = Random::from_state(3);

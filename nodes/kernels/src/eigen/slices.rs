@@ -184,5 +184,5 @@ fn join<'a>(spectrum: &Spectrum<'a>, found: Vec<Found<'a>>) -> Result<Union<'a>,
     }
     enter(spectrum.hooks, Phase::Count)?;
     let expected = spectrum.factorizer.count_below(cut, gap)?;
-    Ok(Union { vectors: Vectors::new(stores), cut, expected, last: false })
+    Ok(Union { vectors: Vectors::new(stores)?, cut, expected, last: false })
 }

@@ -9,7 +9,7 @@ use super::lanczos::expected_blocks;
 use super::panel::WIDTH;
 use super::pool::Pool;
 use super::problem::Problem;
-use super::slices::{Attempt, Spectrum, Union, union};
+use super::slices::{Attempt, Spectrum, Union, slice_count, union};
 use super::vectors::Vectors;
 use super::{Certificate, EigenError, Eigenpairs, Hooks, Method, Options, Phase, enter};
 use std::f64::consts::PI;
@@ -44,7 +44,7 @@ pub(crate) fn solve(
         factorizer: &factorizer,
         order: &order,
         null: &null,
-        pool: &Pool::new(problem.n()),
+        pool: &Pool::new(problem.n(), k / slice_count(problem.n(), k)),
         k,
         options,
         hooks,
@@ -147,6 +147,7 @@ impl<'a> Solver<'a> {
             options: self.options,
             hooks: self.hooks,
         };
+        self.pool.lend(vec![0.0; self.problem.n() * self.k]);
         self.certified(union(&spectrum, attempt)?, Method::Lanczos, attempt.number + 1)
     }
 
@@ -187,7 +188,8 @@ impl<'a> Solver<'a> {
         let orthogonality = columns.orthogonalise(&mut vectors)?;
         // All that were found: only the final values tell which are wanted.
         let (n, null) = (self.problem.n(), self.null.count.min(self.k));
-        let mut target = vec![0.0; n * (null + vectors.len())];
+        let mut target = self.pool.take_back().unwrap_or_default();
+        target.resize(n * (null + vectors.len()), 0.0);
         let findings = columns.examine(&vectors, self.wanted(), self.options.tolerance, &mut target[n * null..])?;
         let uncertified = EigenError::NotCertified { expected, found, residual: findings.residual };
         // Final values, not those that the cut was placed by: each pair then stands for an eigenvalue of its own below the cut.
@@ -225,6 +227,7 @@ impl<'a> Solver<'a> {
         let null = self.null.count.min(k);
         vectors.truncate(n * k);
         vectors.shrink_to_fit();
+        vectors[..n * null].fill(0.0);
         for i in 0..n {
             let (label, unit) = problem.null_entry(i);
             if label < null {

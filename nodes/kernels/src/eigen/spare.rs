@@ -13,7 +13,7 @@ impl<T: Copy + Default> Spare<T> {
     /// A vector of this length with any content.
     pub fn take(&self, len: usize) -> Vec<T> {
         let spare = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        let mut memory = spare.unwrap_or_default();
+        let Some(mut memory) = spare else { return vec![T::default(); len] };
         memory.resize(len, T::default());
         memory
     }

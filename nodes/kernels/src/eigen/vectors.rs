@@ -25,14 +25,15 @@ pub(super) struct Store<'a> {
 }
 
 impl<'a> Vectors<'a> {
-    pub fn new(stores: Vec<Store<'a>>) -> Self {
+    pub fn new(stores: Vec<Store<'a>>) -> Result<Self, EigenError> {
         let (mut places, mut values) = (Vec::new(), Vec::new());
         for store in &stores {
             places.extend(store.columns.iter().map(|column| values.len() * WIDTH + column));
             let value = |column: usize| store.values.get(column).copied().unwrap_or(0.0);
             values.extend((0..store.panels.count()).map(|p| std::array::from_fn(|q| value(p * WIDTH + q))));
         }
-        Self { stores: stores.into_iter().map(|store| store.panels).collect(), places, values }
+        let stores = stores.into_iter().map(|store| store.panels.settle()).collect::<Result<_, _>>()?;
+        Ok(Self { stores, places, values })
     }
 
     /// Columns with these eigenvalues, and these entries by row in elimination order.
@@ -51,7 +52,7 @@ impl<'a> Vectors<'a> {
                 *row = std::array::from_fn(|q| p * WIDTH + q).map(|j| if inside(j) { entry(i, j) } else { 0.0 });
             }
         }
-        Ok(Self::new(vec![Store { panels, values: values.to_vec(), columns: (0..columns).collect() }]))
+        Self::new(vec![Store { panels, values: values.to_vec(), columns: (0..columns).collect() }])
     }
 
     pub fn len(&self) -> usize {
