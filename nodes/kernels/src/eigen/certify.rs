@@ -50,44 +50,37 @@ impl<'a> Columns<'a> {
         Self { problem, null, order, hooks, scale, spare: Spare::new() }
     }
 
-    /// Computes Rayleigh quotients and residuals, and writes the vectors to the target, unless it is empty: by vertex in the caller's units with their signs,
-    /// column after column, ascending by Rayleigh quotient.
+    /// Computes Rayleigh quotients and residuals, and writes the vectors to the target, which has room for all of them: by vertex in the caller's units with their
+    /// signs, column after column, ascending by Rayleigh quotient.
     pub fn examine(
         &self,
-        vectors: &Vectors<'_>,
+        vectors: Vectors<'_>,
         wanted: usize,
         tolerance: f64,
         target: &mut [f64],
     ) -> Result<Findings, EigenError> {
-        let n = self.order.len();
-        let panels = vectors.panels();
-        let mut slots: Vec<Vec<Target<'_>>> = panels.iter().map(|_| Vec::new()).collect();
-        for (column, (panel, q)) in target.chunks_exact_mut(n).zip(vectors.places()) {
+        let (n, places, guesses) = (self.order.len(), vectors.places(), vectors.values().to_vec());
+        let mut slots: Vec<Vec<Target<'_>>> = guesses.iter().map(|_| Vec::new()).collect();
+        for (column, &(panel, q)) in target.chunks_exact_mut(n).zip(&places) {
             slots[panel].push((q, column));
         }
         let slots: Vec<_> = slots.into_iter().map(Mutex::new).collect();
-        let results = self.map(panels.len(), &|p| {
-            let v = self.by_vertex(panels[p]);
-            let quality = self.problem.examine(&v, vectors.values(p), tolerance);
-            self.write(&v, &quality, &mut slots[p].lock().unwrap_or_else(PoisonError::into_inner));
-            self.spare.give(v);
-            quality
-        })?;
-        drop(slots);
-        let places: Vec<_> = vectors.places().collect();
-        let value = |j: usize| results[places[j].0].values[places[j].1];
-        let mut order: Vec<usize> = (0..places.len()).collect();
-        order.sort_by(|&a, &b| value(a).total_cmp(&value(b)).then(a.cmp(&b)));
-        permute(target, n, &order);
-        let mut findings = Findings { values: Vec::with_capacity(order.len()), residual: 0.0, fine: true };
-        for (position, &j) in order.iter().enumerate() {
-            let ((panel, q), value) = (places[j], value(j));
-            findings.values.push(value);
-            findings.fine &= results[panel].is_fine(q, tolerance);
-            if position < wanted {
-                findings.residual = findings.residual.max(results[panel].residuals[q] / value);
-            }
+        let mut results: Vec<Quality> = Vec::with_capacity(guesses.len());
+        for store in vectors.into_stores() {
+            let (begin, panels) = (results.len(), store.all());
+            results.extend(self.map(panels.len(), &|p| {
+                let v = self.by_vertex(panels[p]);
+                let quality = self.problem.examine(&v, &guesses[begin + p], tolerance);
+                self.write(&v, &quality, &mut slots[begin + p].lock().unwrap_or_else(PoisonError::into_inner));
+                self.spare.give(v);
+                quality
+            })?);
+            // Memory is short while results are written.
+            store.release();
         }
+        drop(slots);
+        let (order, findings) = self::findings(&places, &results, wanted, tolerance);
+        permute(target, n, &order);
         Ok(findings)
     }
 
@@ -127,7 +120,7 @@ impl<'a> Columns<'a> {
         let mut at_hand = None;
         for p in 0..vectors.panels().len() {
             let v = self.by_vertex(vectors.panels()[p]);
-            let quality = self.problem.examine(&v, vectors.values(p), tolerance);
+            let quality = self.problem.examine(&v, &vectors.values()[p], tolerance);
             let counts = vectors.counts(p);
             if (0..WIDTH).all(|q| !counts[q] || quality.is_fine(q, tolerance)) {
                 self.spare.give(v);
@@ -197,6 +190,23 @@ impl<'a> Columns<'a> {
     }
 }
 
+/// The order of final values, and what the qualities of vectors at these places come to in that order.
+fn findings(places: &[(usize, usize)], results: &[Quality], wanted: usize, tolerance: f64) -> (Vec<usize>, Findings) {
+    let value = |j: usize| results[places[j].0].values[places[j].1];
+    let mut order: Vec<usize> = (0..places.len()).collect();
+    order.sort_by(|&a, &b| value(a).total_cmp(&value(b)).then(a.cmp(&b)));
+    let mut findings = Findings { values: Vec::with_capacity(order.len()), residual: 0.0, fine: true };
+    for (position, &j) in order.iter().enumerate() {
+        let ((panel, q), value) = (places[j], value(j));
+        findings.values.push(value);
+        findings.fine &= results[panel].is_fine(q, tolerance);
+        if position < wanted {
+            findings.residual = findings.residual.max(results[panel].residuals[q] / value);
+        }
+    }
+    (order, findings)
+}
+
 /// Inner products of vectors.
 struct Products {
     /// Those to be removed: (higher, lower, product). Residuals are relative to the values, so the lower vector is the more accurate of the two, and all of the
@@ -212,7 +222,7 @@ impl Products {
     /// With Y' Y = I + E and the removed products as entries of F, the new product is I + E - F - F' - F' E - E F + F' F + F' E F: the rest of E, and terms of
     /// second order, which norms of columns bound.
     fn of(gram: &Triangle, vectors: &Vectors<'_>) -> Self {
-        let places: Vec<usize> = vectors.places().map(|(panel, q)| panel * WIDTH + q).collect();
+        let places: Vec<usize> = vectors.places().into_iter().map(|(panel, q)| panel * WIDTH + q).collect();
         let (mut kept, mut steps) = (0.0f64, Vec::new());
         let (mut all, mut removed) = (vec![0.0; places.len()], vec![0.0; places.len()]);
         for (i, &place) in places.iter().enumerate() {
@@ -239,9 +249,6 @@ impl Products {
 
 /// Puts column `order[i]` in place i, for all columns that are there.
 fn permute(columns: &mut [f64], n: usize, order: &[usize]) {
-    if columns.is_empty() {
-        return;
-    }
     let mut order = order.to_vec();
     for start in 0..order.len() {
         let mut place = start;
@@ -324,10 +331,11 @@ mod tests {
             y + noise[j * n + i]
         };
         let guesses: Vec<f64> = exact.values[1..].iter().map(|value| value * problem.area).collect();
-        let mut vectors = Vectors::with(&pool, n, &guesses, entry).expect("small");
-        let before = columns.examine(&vectors, 24, 1e-8, &mut []).expect("not cancelled");
-        columns.polish(&mut vectors, 1e-8, || factorizer.factor(-12.0)).expect("not cancelled");
-        let after = columns.examine(&vectors, 24, 1e-8, &mut []).expect("not cancelled");
+        let noisy = || Vectors::with(&pool, n, &guesses, entry).expect("small");
+        let mut polished = noisy();
+        columns.polish(&mut polished, 1e-8, || factorizer.factor(-12.0)).expect("not cancelled");
+        let [before, after] = [noisy(), polished]
+            .map(|vectors| columns.examine(vectors, 24, 1e-8, &mut vec![0.0; 24 * n]).expect("not cancelled"));
         assert!(
             before.residual > 1e-6 && after.residual < 0.05 * before.residual,
             "{} {}",

@@ -8,7 +8,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Vertices per run: a panel of it is 16 KiB, a third of a first-level cache.
 pub(super) const RUN: usize = 256;
 
-/// Panels that are allocated together.
+/// Panels that are allocated together, after those that stay.
 const CHUNK: usize = 8;
 
 /// A panel in runs.
@@ -50,12 +50,19 @@ impl Pool {
         Rows::zeroed(count * self.runs * RUN).map_err(|_| EigenError::Memory)
     }
 
-    fn chunk(&self, lent: bool) -> Result<Chunk, EigenError> {
-        if lent && let Some(memory) = lock(&self.lent).take() {
+    /// More room for a sequence of so many panels.
+    fn chunk(&self, count: usize) -> Result<Chunk, EigenError> {
+        if count >= self.staying
+            && let Some(memory) = lock(&self.lent).take()
+        {
             return Ok(Chunk::Lent(memory));
         }
+        self.own_chunk(if count == 0 { self.staying.max(1) } else { CHUNK })
+    }
+
+    fn own_chunk(&self, panels: usize) -> Result<Chunk, EigenError> {
         let free = lock(&self.free).pop();
-        Ok(Chunk::Own(free.map_or_else(|| self.panels(CHUNK), Ok)?))
+        Ok(Chunk::Own(free.map_or_else(|| self.panels(panels), Ok)?))
     }
 
     fn give_back(&self, chunks: impl IntoIterator<Item = Chunk>) {
@@ -141,7 +148,7 @@ impl<'a> Panels<'a> {
     /// Adds a panel with any content.
     pub fn grow(&mut self) -> Result<(), EigenError> {
         while self.count == self.capacity() {
-            self.chunks.push(self.pool.chunk(self.count >= self.pool.staying)?);
+            self.chunks.push(self.pool.chunk(self.count)?);
         }
         self.count += 1;
         Ok(())
@@ -183,6 +190,11 @@ impl<'a> Panels<'a> {
         }
     }
 
+    /// Gives the memory back to the system.
+    pub fn release(mut self) {
+        self.chunks.clear();
+    }
+
     /// Moves panels out of lent memory.
     pub fn settle(self) -> Result<Self, EigenError> {
         if self.chunks.iter().all(|chunk| matches!(chunk, Chunk::Own(_))) {
@@ -191,7 +203,7 @@ impl<'a> Panels<'a> {
         let mut own = Self::new(self.pool);
         for panel in self.all() {
             while own.count == own.capacity() {
-                own.chunks.push(self.pool.chunk(false)?);
+                own.chunks.push(self.pool.own_chunk(CHUNK)?);
             }
             own.count += 1;
             if let Some((_, target)) = own.split() {

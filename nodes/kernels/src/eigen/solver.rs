@@ -44,7 +44,7 @@ pub(crate) fn solve(
         factorizer: &factorizer,
         order: &order,
         null: &null,
-        pool: &Pool::new(problem.n(), k / slice_count(problem.n(), k)),
+        pool: &Pool::new(problem.n(), staying(problem.n(), k)),
         k,
         options,
         hooks,
@@ -52,6 +52,12 @@ pub(crate) fn solve(
     let found = solver.attempts()?;
     hooks.progress(1.0);
     Ok(found)
+}
+
+/// About how many vectors stay of a slice's basis: windows differ a little, and slices overlap.
+fn staying(n: usize, k: usize) -> usize {
+    let share = k / slice_count(n, k);
+    share + share / 16 + WIDTH
 }
 
 /// Keeps progress from falling back when a further attempt begins.
@@ -190,7 +196,7 @@ impl<'a> Solver<'a> {
         let (n, null) = (self.problem.n(), self.null.count.min(self.k));
         let mut target = self.pool.take_back().unwrap_or_default();
         target.resize(n * (null + vectors.len()), 0.0);
-        let findings = columns.examine(&vectors, self.wanted(), self.options.tolerance, &mut target[n * null..])?;
+        let findings = columns.examine(vectors, self.wanted(), self.options.tolerance, &mut target[n * null..])?;
         let uncertified = EigenError::NotCertified { expected, found, residual: findings.residual };
         // Final values, not those that the cut was placed by: each pair then stands for an eigenvalue of its own below the cut.
         let below = findings.values.last().is_none_or(|last| *last < cut);

@@ -60,8 +60,13 @@ impl<'a> Vectors<'a> {
     }
 
     /// Panel and column there of each vector, ascending.
-    pub fn places(&self) -> impl Iterator<Item = (usize, usize)> {
-        self.places.iter().map(|place| (place / WIDTH, place % WIDTH))
+    pub fn places(&self) -> Vec<(usize, usize)> {
+        self.places.iter().map(|place| (place / WIDTH, place % WIDTH)).collect()
+    }
+
+    /// The panels store by store, which takes them away.
+    pub fn into_stores(self) -> Vec<Panels<'a>> {
+        self.stores
     }
 
     /// All panels, which may hold more columns than count.
@@ -78,9 +83,9 @@ impl<'a> Vectors<'a> {
         std::array::from_fn(|q| self.places.binary_search(&(panel * WIDTH + q)).is_ok())
     }
 
-    /// Approximate eigenvalues of a panel's columns.
-    pub fn values(&self, panel: usize) -> &Row {
-        &self.values[panel]
+    /// Approximate eigenvalues of all columns, panel by panel.
+    pub fn values(&self) -> &[Row] {
+        &self.values
     }
 
     /// Applies y_to -= factor y_from to the former vectors, all at once; steps are (to, from, factor), and `to` is above `from`.
