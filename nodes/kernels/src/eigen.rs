@@ -17,9 +17,12 @@ mod packed;
 mod panel;
 mod pool;
 mod problem;
+mod quality;
 mod reach;
 mod slices;
 mod solver;
+mod spare;
+mod tiles;
 mod vectors;
 
 use crate::laplacian::Operator;
@@ -56,11 +59,11 @@ pub enum Phase {
     Orthogonalise,
     /// The projected eigenproblem, or the whole one if it is solved densely.
     Projected,
-    /// Ritz vectors, and their conversion to the caller's order and units.
+    /// Ritz vectors.
     Vectors,
     /// The count by inertia.
     Count,
-    /// Residuals and orthogonality.
+    /// Orthogonality, residuals, and conversion to the caller's order and units.
     Certify,
 }
 

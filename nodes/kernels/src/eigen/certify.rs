@@ -1,13 +1,16 @@
 //! Whether pairs may be returned: residuals, orthogonality, and the sort that their final values give.
 
 use super::basis::Null;
-use super::gauge::fix_sign;
+use super::gauge::is_turned;
 use super::packed::Packed;
-use super::panel::WIDTH;
+use super::panel::{Row, WIDTH};
+use super::pool::{Panel, RUN};
 use super::problem::Problem;
-use super::vectors::{Vectors, null_product};
+use super::quality::Quality;
+use super::spare::Spare;
+use super::tiles::Triangle;
+use super::vectors::{Vectors, by_vertex, null_product};
 use super::{EigenError, Hooks, Phase, enter};
-use faer::Mat;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
@@ -19,10 +22,13 @@ const GRAM_PARTS: usize = 4;
 
 /// What certifying needs beside the vectors.
 pub(super) struct Columns<'a> {
-    pub problem: &'a Problem<'a>,
-    pub null: &'a Null,
-    pub order: &'a [u32],
-    pub hooks: &'a dyn Hooks,
+    problem: &'a Problem<'a>,
+    null: &'a Null,
+    order: &'a [u32],
+    hooks: &'a dyn Hooks,
+    /// The diagonal of R^-1.
+    scale: Vec<f64>,
+    spare: Spare<Row>,
 }
 
 /// What examining all pairs found.
@@ -35,34 +41,71 @@ pub(super) struct Findings {
     pub fine: bool,
 }
 
-impl Columns<'_> {
-    /// Computes Rayleigh quotients and residuals, and sorts by the former.
-    pub fn examine(&self, vectors: &mut Vectors<'_>, wanted: usize, tolerance: f64) -> Result<Findings, EigenError> {
-        let scale = self.inverse_root();
-        let results = self.map(vectors.len().div_ceil(WIDTH), &|g| {
-            self.problem.examine(&vectors.panel(g * WIDTH, self.order, &scale))
-        })?;
-        let quality = |j: usize| {
-            let (group, q) = (&results[j / WIDTH], j % WIDTH);
-            (group.values[q], group.residuals[q], group.is_fine(q, tolerance))
-        };
-        let mut order: Vec<usize> = (0..vectors.len()).collect();
-        order.sort_by(|&a, &b| quality(a).0.total_cmp(&quality(b).0).then(a.cmp(&b)));
-        vectors.select(&order);
-        let mut findings = Findings { values: Vec::with_capacity(order.len()), residual: 0.0, fine: true };
-        for (position, &j) in order.iter().enumerate() {
-            let (value, norm, fine) = quality(j);
-            findings.values.push(value);
-            findings.fine &= fine;
-            if position < wanted {
-                findings.residual = findings.residual.max(norm / value);
-            }
+/// One column of a panel, and where it is to be written.
+type Target<'a> = (usize, &'a mut [f64]);
+
+impl<'a> Columns<'a> {
+    pub fn new(problem: &'a Problem<'a>, null: &'a Null, order: &'a [u32], hooks: &'a dyn Hooks) -> Self {
+        let scale = problem.root.iter().map(|r| 1.0 / r).collect();
+        Self { problem, null, order, hooks, scale, spare: Spare::new() }
+    }
+
+    /// Computes Rayleigh quotients and residuals, and writes the vectors to the target, which has room for all of them: by vertex in the caller's units with their
+    /// signs, column after column, ascending by Rayleigh quotient.
+    pub fn examine(
+        &self,
+        vectors: Vectors<'_>,
+        wanted: usize,
+        tolerance: f64,
+        target: &mut [f64],
+    ) -> Result<Findings, EigenError> {
+        let (n, places, guesses) = (self.order.len(), vectors.places(), vectors.values().to_vec());
+        let mut slots: Vec<Vec<Target<'_>>> = guesses.iter().map(|_| Vec::new()).collect();
+        for (column, &(panel, q)) in target.chunks_exact_mut(n).zip(&places) {
+            slots[panel].push((q, column));
         }
+        let slots: Vec<_> = slots.into_iter().map(Mutex::new).collect();
+        let mut results: Vec<Quality> = Vec::with_capacity(guesses.len());
+        for store in vectors.into_stores() {
+            let (begin, panels) = (results.len(), store.all());
+            results.extend(self.map(panels.len(), &|p| {
+                let v = self.by_vertex(panels[p]);
+                let quality = self.problem.examine(&v, &guesses[begin + p], tolerance);
+                self.write(&v, &quality, &mut slots[begin + p].lock().unwrap_or_else(PoisonError::into_inner));
+                self.spare.give(v);
+                quality
+            })?);
+            // Memory is short while results are written.
+            store.release();
+        }
+        drop(slots);
+        let (order, findings) = self::findings(&places, &results, wanted, tolerance);
+        permute(target, n, &order);
         Ok(findings)
     }
 
-    fn inverse_root(&self) -> Vec<f64> {
-        self.problem.root.iter().map(|r| 1.0 / r).collect()
+    /// A panel of R^-1 y by vertex.
+    fn by_vertex(&self, panel: &Panel) -> Vec<Row> {
+        let mut v = self.spare.take(self.order.len());
+        by_vertex(panel, self.order, &self.scale, &mut v);
+        v
+    }
+
+    /// Columns of R^-1 y as eigenvectors of the original problem.
+    fn write(&self, v: &[Row], quality: &Quality, targets: &mut [Target<'_>]) {
+        let unit = 1.0 / self.problem.area.sqrt();
+        let factors: Row = std::array::from_fn(|q| {
+            let turned = is_turned(quality.cubes[q], quality.magnitudes[q], v.iter().map(|row| row[q]));
+            if turned { -unit } else { unit }
+        });
+        // In pieces that stay in the first-level cache.
+        for (piece, rows) in v.chunks(RUN).enumerate() {
+            for (q, column) in targets.iter_mut() {
+                for (x, row) in column[piece * RUN..].iter_mut().zip(rows) {
+                    *x = row[*q] * factors[*q] + 0.0; // no negative zeros in an artefact
+                }
+            }
+        }
     }
 
     /// One step of correction, y - F^-1 (A y - lambda y), for the lowest vectors, eight at a time, until the next eight need none: bounds are relative to the
@@ -74,12 +117,13 @@ impl Columns<'_> {
         tolerance: f64,
         factor: impl Fn() -> Result<Packed, EigenError>,
     ) -> Result<(), EigenError> {
-        let scale = self.inverse_root();
         let mut at_hand = None;
-        for begin in (0..vectors.len()).step_by(WIDTH) {
-            let panel = vectors.panel(begin, self.order, &scale);
-            let quality = self.problem.examine(&panel);
-            if (0..WIDTH).all(|q| quality.is_fine(q, tolerance)) {
+        for p in 0..vectors.panels().len() {
+            let v = self.by_vertex(vectors.panels()[p]);
+            let quality = self.problem.examine(&v, &vectors.values()[p], tolerance);
+            let counts = vectors.counts(p);
+            if (0..WIDTH).all(|q| !counts[q] || quality.is_fine(q, tolerance)) {
+                self.spare.give(v);
                 break;
             }
             let factor = match &mut at_hand {
@@ -87,52 +131,46 @@ impl Columns<'_> {
                 none => none.insert(factor()?),
             };
             enter(self.hooks, Phase::Certify)?;
-            let mut correction = self.problem.residual_rows(&quality.values, &panel, self.order);
+            let mut correction = self.problem.residual_rows(&quality.values, &v, self.order);
+            self.spare.give(v);
             factor.solve(&mut correction);
-            vectors.subtract(begin, &correction);
+            vectors.correct(p, &correction, &quality.values);
         }
         Ok(())
     }
 
     /// The largest entry of |Y' Y - I|, the null space included, after removing what neighbouring slices left.
     pub fn orthogonalise(&self, vectors: &mut Vectors<'_>) -> Result<f64, EigenError> {
-        let panels = vectors.panels();
-        let null = self.map(panels.len(), &|p| null_product(panels[p], self.null))?;
-        let null = null.into_iter().fold(0.0, f64::max);
         let mut worst = f64::INFINITY;
         for _ in 0..3 {
-            let gram = self.gram(vectors)?;
-            worst = null;
-            let mut steps = Vec::new();
-            for j in 0..vectors.len() {
-                worst = worst.max((gram[(j, j)] - 1.0).abs());
-                for i in j + 1..vectors.len() {
-                    worst = worst.max(gram[(i, j)].abs());
-                    // Residuals are relative to the values, so the lower vector is the more accurate of the two, and all of the
-                    // product is removed from the higher one.
-                    if gram[(i, j)].abs() > REMOVED {
-                        steps.push((i, j, gram[(i, j)]));
-                    }
-                }
+            let panels = vectors.panels();
+            let null = self.map(panels.len(), &|p| null_product(panels[p], self.null))?;
+            let products = Products::of(&self.gram(&panels)?, vectors);
+            worst = null.into_iter().fold(products.kept + products.second, f64::max);
+            if !products.steps.is_empty() {
+                vectors.subtract_multiples(&products.steps);
             }
-            if steps.is_empty() {
+            if products.second < 0.1 * REMOVED {
                 break;
             }
-            vectors.subtract_multiples(&steps);
         }
         Ok(worst)
     }
 
-    /// Y' Y, its lower triangle.
-    fn gram(&self, vectors: &Vectors<'_>) -> Result<Mat<f64>, EigenError> {
-        let k = vectors.len();
-        let share = vectors.runs().div_ceil(GRAM_PARTS).max(1);
-        let parts = self.map(vectors.runs().div_ceil(share), &|p| {
-            let mut sum = Mat::<f64>::zeros(k, k);
-            vectors.add_gram(p * share..vectors.runs().min((p + 1) * share), &mut sum);
+    /// Y' Y of all columns.
+    fn gram(&self, panels: &[&Panel]) -> Result<Triangle, EigenError> {
+        let runs = panels.first().map_or(0, |panel| panel.len());
+        let share = runs.div_ceil(GRAM_PARTS).max(1);
+        let parts = self.map(runs.div_ceil(share), &|p| {
+            let mut sum = Triangle::zeros(panels.len());
+            sum.add_gram(panels, p * share..runs.min((p + 1) * share));
             sum
         })?;
-        Ok(parts.into_iter().reduce(|a, b| a + b).unwrap_or_else(|| Mat::zeros(k, k)))
+        let add = |mut a: Triangle, b: Triangle| {
+            a.add(&b);
+            a
+        };
+        Ok(parts.into_iter().reduce(add).unwrap_or_else(|| Triangle::zeros(0)))
     }
 
     /// The largest residual of the null vectors over the first positive eigenvalue: rounding of the row sums.
@@ -147,26 +185,82 @@ impl Columns<'_> {
         squares.iter().fold(0.0f64, |worst, s| worst.max(s.sqrt())) / first
     }
 
-    /// The first eigenvectors by vertex in the caller's units with their signs, column after column, as many as `target` has room for.
-    pub fn write(&self, vectors: &Vectors<'_>, target: &mut [f64]) -> Result<(), EigenError> {
-        let n = self.order.len();
-        let unit = self.problem.area.sqrt();
-        let scale: Vec<f64> = self.problem.root.iter().map(|r| 1.0 / (r * unit)).collect();
-        let slots: Vec<Mutex<&mut [f64]>> = target.chunks_mut(WIDTH * n).map(Mutex::new).collect();
-        each(self.hooks, slots.len(), &|g| {
-            let panel = vectors.panel(g * WIDTH, self.order, &scale);
-            let mut target = slots[g].lock().unwrap_or_else(PoisonError::into_inner);
-            for (q, column) in target.chunks_exact_mut(n).enumerate() {
-                for (x, row) in column.iter_mut().zip(&panel) {
-                    *x = row[q] + 0.0; // no negative zeros in an artefact
-                }
-                fix_sign(column, self.problem.mass);
-            }
-        })
-    }
-
     fn map<T: Send>(&self, count: usize, task: &(dyn Fn(usize) -> T + Sync)) -> Result<Vec<T>, EigenError> {
         collect(self.hooks, count, task)
+    }
+}
+
+/// The order of final values, and what the qualities of vectors at these places come to in that order.
+fn findings(places: &[(usize, usize)], results: &[Quality], wanted: usize, tolerance: f64) -> (Vec<usize>, Findings) {
+    let value = |j: usize| results[places[j].0].values[places[j].1];
+    let mut order: Vec<usize> = (0..places.len()).collect();
+    order.sort_by(|&a, &b| value(a).total_cmp(&value(b)).then(a.cmp(&b)));
+    let mut findings = Findings { values: Vec::with_capacity(order.len()), residual: 0.0, fine: true };
+    for (position, &j) in order.iter().enumerate() {
+        let ((panel, q), value) = (places[j], value(j));
+        findings.values.push(value);
+        findings.fine &= results[panel].is_fine(q, tolerance);
+        if position < wanted {
+            findings.residual = findings.residual.max(results[panel].residuals[q] / value);
+        }
+    }
+    (order, findings)
+}
+
+/// Inner products of vectors.
+struct Products {
+    /// Those to be removed: (higher, lower, product). Residuals are relative to the values, so the lower vector is the more accurate of the two, and all of the
+    /// product is removed from the higher one.
+    steps: Vec<(usize, usize, f64)>,
+    /// The largest entry of |Y' Y - I| that stays.
+    kept: f64,
+    /// What removing the others adds to that at most.
+    second: f64,
+}
+
+impl Products {
+    /// With Y' Y = I + E and the removed products as entries of F, the new product is I + E - F - F' - F' E - E F + F' F + F' E F: the rest of E, and terms of
+    /// second order, which norms of columns bound.
+    fn of(gram: &Triangle, vectors: &Vectors<'_>) -> Self {
+        let places: Vec<usize> = vectors.places().into_iter().map(|(panel, q)| panel * WIDTH + q).collect();
+        let (mut kept, mut steps) = (0.0f64, Vec::new());
+        let (mut all, mut removed) = (vec![0.0; places.len()], vec![0.0; places.len()]);
+        for (i, &place) in places.iter().enumerate() {
+            let own = gram.get(place, place) - 1.0;
+            kept = kept.max(own.abs());
+            all[i] += own * own;
+            for (j, &lower) in places[..i].iter().enumerate() {
+                let product = gram.get(place, lower);
+                all[i] += product * product;
+                all[j] += product * product;
+                if product.abs() > REMOVED {
+                    steps.push((i, j, product));
+                    removed[i] += product * product;
+                } else {
+                    kept = kept.max(product.abs());
+                }
+            }
+        }
+        let largest = |squares: &[f64]| squares.iter().fold(0.0f64, |m, x| m.max(*x)).sqrt();
+        let (e, f, whole) = (largest(&all), largest(&removed), all.iter().sum::<f64>().sqrt());
+        Self { steps, kept, second: 2.0 * e * f + f * f * (1.0 + whole) }
+    }
+}
+
+/// Puts column `order[i]` in place i, for all columns that are there.
+fn permute(columns: &mut [f64], n: usize, order: &[usize]) {
+    let mut order = order.to_vec();
+    for start in 0..order.len() {
+        let mut place = start;
+        // Along a cycle: each column changes places with the one that belongs there.
+        while order[place] != start {
+            let next = order[place];
+            let (low, high) = columns.split_at_mut(place.max(next) * n);
+            low[place.min(next) * n..][..n].swap_with_slice(&mut high[..n]);
+            order[place] = place;
+            place = next;
+        }
+        order[place] = place;
     }
 }
 
@@ -226,8 +320,8 @@ mod tests {
         let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
         let factorizer = Factorizer::new(&problem).expect("small");
         let (order, n) = (factorizer.order(), vertices.len());
-        let (null, pool) = (problem.null(&order), Pool::new(n));
-        let columns = Columns { problem: &problem, null: &null, order: &order, hooks: &() };
+        let (null, pool) = (problem.null(&order), Pool::new(n, 24));
+        let columns = Columns::new(&problem, &null, &order, &());
         // Errors as a factorisation with growth leaves them: noise of 1e-8 in the vectors.
         let mut random = Random::from_state(3);
         let noise: Vec<f64> = (0..24 * n).map(|_| 1e-8 * random.signed() / (n as f64).sqrt()).collect();
@@ -236,10 +330,12 @@ mod tests {
             let y = exact.vectors[(j + 1) * n + vertex] * operator.mass[vertex].sqrt();
             y + noise[j * n + i]
         };
-        let mut vectors = Vectors::with(&pool, n, 24, entry).expect("small");
-        let before = columns.examine(&mut vectors, 24, 1e-8).expect("not cancelled");
-        columns.polish(&mut vectors, 1e-8, || factorizer.factor(-12.0)).expect("not cancelled");
-        let after = columns.examine(&mut vectors, 24, 1e-8).expect("not cancelled");
+        let guesses: Vec<f64> = exact.values[1..].iter().map(|value| value * problem.area).collect();
+        let noisy = || Vectors::with(&pool, n, &guesses, entry).expect("small");
+        let mut polished = noisy();
+        columns.polish(&mut polished, 1e-8, || factorizer.factor(-12.0)).expect("not cancelled");
+        let [before, after] = [noisy(), polished]
+            .map(|vectors| columns.examine(vectors, 24, 1e-8, &mut vec![0.0; 24 * n]).expect("not cancelled"));
         assert!(
             before.residual > 1e-6 && after.residual < 0.05 * before.residual,
             "{} {}",

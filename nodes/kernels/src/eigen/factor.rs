@@ -3,6 +3,7 @@
 use super::EigenError;
 use super::packed::Packed;
 use super::problem::Problem;
+use super::spare::Spare;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
 use faer::sparse::linalg::cholesky::supernodal::SupernodalLdltRef;
@@ -12,6 +13,7 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::linalg::{SupernodalThreshold, SymbolicSupernodalParams};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 use faer::{Par, Side, Spec};
+use std::sync::Arc;
 
 /// The part of a factorisation that all shifts share: ordering and fill.
 pub(super) struct Factorizer {
@@ -20,6 +22,8 @@ pub(super) struct Factorizer {
     diagonal: Vec<usize>,
     symbolic: SymbolicCholesky<usize>,
     area: f64,
+    /// Memory of factors.
+    spare: Arc<Spare<f64>>,
 }
 
 impl Factorizer {
@@ -40,7 +44,8 @@ impl Factorizer {
         };
         let symbolic = factorize_symbolic_cholesky(pattern.as_ref(), Side::Lower, SymmetricOrdering::Amd, params)
             .map_err(|_| EigenError::Factorisation { shift: 0.0 })?;
-        Ok(Self { pattern, entries: problem.scaled_entries(), diagonal, symbolic, area: problem.area })
+        let (entries, spare) = (problem.scaled_entries(), Arc::new(Spare::new()));
+        Ok(Self { pattern, entries, diagonal, symbolic, area: problem.area, spare })
     }
 
     /// The vertex that is eliminated at each step.
@@ -57,9 +62,9 @@ impl Factorizer {
         let failed = EigenError::Factorisation { shift: shift / self.area };
         let values = self.numbers(shift).ok_or(failed.clone())?;
         let packed = match self.symbolic.raw() {
-            SymbolicCholeskyRaw::Supernodal(symbolic) => Packed::new(symbolic, &values),
+            SymbolicCholeskyRaw::Supernodal(symbolic) => Packed::new(symbolic, values, &self.spare),
             SymbolicCholeskyRaw::Simplicial(symbolic) => {
-                Packed::of_columns(symbolic.col_ptr(), symbolic.row_idx(), &values)
+                Packed::of_columns(symbolic.col_ptr(), symbolic.row_idx(), values, &self.spare)
             }
         };
         // Overflow shows as pivots that are not finite.
@@ -72,7 +77,7 @@ impl Factorizer {
             entries[d] -= shift;
         }
         let matrix = SparseColMatRef::new(self.pattern.as_ref(), &entries);
-        let mut values = vec![0.0; self.symbolic.len_val()];
+        let mut values = self.spare.take(self.symbolic.len_val());
         let scratch = self.symbolic.factorize_numeric_ldlt_scratch::<f64>(Par::Seq, Spec::default());
         let mut memory = MemBuffer::try_new(scratch).ok()?;
         let stack = MemStack::new(&mut memory);
@@ -90,6 +95,7 @@ impl Factorizer {
         for nudge in [0.0, 0.11, -0.13, 0.23] {
             if let Some(values) = self.numbers(cut * (1.0 + nudge * gap)) {
                 let pivots = self.pivots(&values);
+                self.spare.give(values);
                 if pivots.iter().all(|p| p.is_finite() && *p != 0.0) {
                     return Ok(pivots.iter().filter(|p| **p < 0.0).count());
                 }

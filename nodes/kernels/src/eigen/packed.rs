@@ -1,8 +1,10 @@
 //! A supernodal factor laid out for solves with a whole panel: rows of L contiguous, one pass over L for eight right-hand sides.
 
 use super::panel::{Row, WIDTH, subtract_multiple};
+use super::spare::Spare;
 use crate::simd::vectorised;
-use faer::sparse::linalg::cholesky::supernodal::{SupernodalLdltRef, SymbolicSupernodalCholesky};
+use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
+use std::sync::Arc;
 
 /// L and D^-1 of an LDL' factorisation, in elimination order.
 pub(crate) struct Packed {
@@ -15,55 +17,59 @@ pub(crate) struct Packed {
     /// Per supernode: its unit lower triangle as a full square, then the rows below, row by row.
     values: Vec<f64>,
     inverse_pivots: Vec<f64>,
+    spare: Arc<Spare<f64>>,
+}
+
+impl Drop for Packed {
+    fn drop(&mut self) {
+        self.spare.give(std::mem::take(&mut self.values));
+    }
 }
 
 impl Packed {
-    pub fn new(symbolic: &SymbolicSupernodalCholesky<usize>, values: &[f64]) -> Self {
-        let factor = SupernodalLdltRef::new(symbolic, values);
-        let n = symbolic.nrows();
-        let mut packed = Self {
-            columns: Vec::with_capacity(symbolic.n_supernodes() + 1),
-            row_starts: vec![0],
-            value_starts: vec![0],
-            rows: Vec::new(),
-            values: Vec::with_capacity(values.len()),
-            inverse_pivots: vec![0.0; n],
-        };
+    /// Takes over the values of a factor, whose supernodes lie column by column. They go to `spare` in the end.
+    pub fn new(symbolic: &SymbolicSupernodalCholesky<usize>, mut values: Vec<f64>, spare: &Arc<Spare<f64>>) -> Self {
+        let (mut columns, mut row_starts, mut rows) = (Vec::new(), vec![0], Vec::new());
+        let mut inverse_pivots = Vec::with_capacity(symbolic.nrows());
+        let value_starts = symbolic.col_ptr_for_val().to_vec();
+        let mut block = Vec::new();
         for s in 0..symbolic.n_supernodes() {
-            let node = factor.supernode(s);
-            let block = node.val();
-            packed.columns.push(node.start() as u32);
-            packed.rows.extend(node.pattern().iter().map(|&r| r as u32));
-            packed.row_starts.push(packed.rows.len());
-            for i in 0..block.nrows() {
-                // What is above the diagonal is never read.
-                packed.values.extend((0..block.ncols()).map(|j| block[(i, j)]));
-            }
-            packed.value_starts.push(packed.values.len());
-            for j in 0..block.ncols() {
-                packed.inverse_pivots[node.start() + j] = 1.0 / block[(j, j)];
+            let node = symbolic.supernode(s);
+            columns.push(node.start() as u32);
+            rows.extend(node.pattern().iter().map(|&r| r as u32));
+            row_starts.push(rows.len());
+            let values = &mut values[value_starts[s]..value_starts[s + 1]];
+            let width = symbolic.supernode_end()[s] - symbolic.supernode_begin()[s];
+            let height = values.len() / width;
+            inverse_pivots.extend((0..width).map(|j| 1.0 / values[j * height + j]));
+            // What is above the diagonal is never read.
+            block.clear();
+            block.extend_from_slice(values);
+            for (i, row) in values.chunks_exact_mut(width).enumerate() {
+                for (x, column) in row.iter_mut().zip(block.chunks_exact(height)) {
+                    *x = column[i];
+                }
             }
         }
-        packed.columns.push(n as u32);
-        packed
+        columns.push(symbolic.nrows() as u32);
+        Self { columns, row_starts, value_starts, rows, values, inverse_pivots, spare: Arc::clone(spare) }
     }
 
     /// The same of a factor without supernodes, which small or very sparse matrices have: each column its pivot, then the entries below.
-    pub fn of_columns(starts: &[usize], rows: &[usize], values: &[f64]) -> Self {
+    pub fn of_columns(starts: &[usize], rows: &[usize], values: Vec<f64>, spare: &Arc<Spare<f64>>) -> Self {
         let n = starts.len() - 1;
         let mut packed = Self {
             columns: (0..=n as u32).collect(),
             row_starts: vec![0],
-            value_starts: vec![0],
+            value_starts: starts.to_vec(),
             rows: Vec::with_capacity(rows.len()),
-            values: Vec::with_capacity(values.len()),
             inverse_pivots: starts[..n].iter().map(|&start| 1.0 / values[start]).collect(),
+            values,
+            spare: Arc::clone(spare),
         };
         for column in starts.windows(2) {
             packed.rows.extend(rows[column[0] + 1..column[1]].iter().map(|&r| r as u32));
             packed.row_starts.push(packed.rows.len());
-            packed.values.extend(&values[column[0]..column[1]]);
-            packed.value_starts.push(packed.values.len());
         }
         packed
     }

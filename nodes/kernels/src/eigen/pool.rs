@@ -1,38 +1,114 @@
 //! Memory of panels. Passes over them go run by run; see `basis`.
 
 use super::EigenError;
-use super::panel::{Row, Rows};
-use std::sync::{Mutex, PoisonError};
+use super::panel::{Row, Rows, WIDTH};
+use std::slice::{ChunksExact, ChunksExactMut};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Vertices per run: a panel of it is 16 KiB, a third of a first-level cache.
 pub(super) const RUN: usize = 256;
 
-/// Panels that are allocated together.
+/// Panels that are allocated together, after those that stay.
 const CHUNK: usize = 8;
 
 /// A panel in runs.
 pub(super) type Panel = [[Row; RUN]];
 
-/// Memory of bases that are done with, for those to come: fresh pages are dear.
+/// Memory of bases that are done with, for those to come, and memory that is lent to them: fresh pages are dear.
 pub(super) struct Pool {
     runs: usize,
     free: Mutex<Vec<Rows>>,
+    lent: Mutex<Option<Vec<f64>>>,
+    /// Panels of a basis that Ritz vectors will replace; those after them may lie in lent memory.
+    staying: usize,
 }
 
 impl Pool {
-    pub fn new(n: usize) -> Self {
-        Self { runs: n.div_ceil(RUN), free: Mutex::new(Vec::new()) }
+    /// Panels of n rows for bases of which about so many vectors will stay.
+    pub fn new(n: usize, staying: usize) -> Self {
+        let (free, lent) = (Mutex::new(Vec::new()), Mutex::new(None));
+        Self { runs: n.div_ceil(RUN), free, lent, staying: staying.div_ceil(WIDTH) }
+    }
+
+    /// Lends memory that is needed only when bases are gone, with any content.
+    pub fn lend(&self, memory: Vec<f64>) {
+        *lock(&self.lent) = Some(memory);
+    }
+
+    /// What was lent, if no panel is in it any more.
+    pub fn take_back(&self) -> Option<Vec<f64>> {
+        lock(&self.lent).take()
     }
 
     /// Gives what is free back to the system.
     pub fn clear(&self) {
-        self.free.lock().unwrap_or_else(PoisonError::into_inner).clear();
+        lock(&self.free).clear();
     }
 
     /// New zeroed panels.
     pub fn panels(&self, count: usize) -> Result<Rows, EigenError> {
         Rows::zeroed(count * self.runs * RUN).map_err(|_| EigenError::Memory)
     }
+
+    /// More room for a sequence of so many panels.
+    fn chunk(&self, count: usize) -> Result<Chunk, EigenError> {
+        if count >= self.staying
+            && let Some(memory) = lock(&self.lent).take()
+        {
+            return Ok(Chunk::Lent(memory));
+        }
+        self.own_chunk(if count == 0 { self.staying.max(1) } else { CHUNK })
+    }
+
+    fn own_chunk(&self, panels: usize) -> Result<Chunk, EigenError> {
+        let free = lock(&self.free).pop();
+        Ok(Chunk::Own(free.map_or_else(|| self.panels(panels), Ok)?))
+    }
+
+    fn give_back(&self, chunks: impl IntoIterator<Item = Chunk>) {
+        for chunk in chunks {
+            match chunk {
+                Chunk::Own(rows) => lock(&self.free).push(rows),
+                Chunk::Lent(memory) => *lock(&self.lent) = Some(memory),
+            }
+        }
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Some panels, one after the other.
+enum Chunk {
+    Own(Rows),
+    Lent(Vec<f64>),
+}
+
+impl Chunk {
+    fn panels(&self, runs: usize) -> ChunksExact<'_, [Row; RUN]> {
+        let rows = match self {
+            Self::Own(rows) => rows.as_slice(),
+            Self::Lent(memory) => memory[unaligned(memory)..].as_chunks().0,
+        };
+        rows.as_chunks().0.chunks_exact(runs)
+    }
+
+    fn panels_mut(&mut self, runs: usize) -> ChunksExactMut<'_, [Row; RUN]> {
+        let rows = match self {
+            Self::Own(rows) => rows.as_mut_slice(),
+            Self::Lent(memory) => {
+                let begin = unaligned(memory);
+                memory[begin..].as_chunks_mut().0
+            }
+        };
+        rows.as_chunks_mut().0.chunks_exact_mut(runs)
+    }
+}
+
+/// Numbers before the first cache line: rows that lie across two are slow to load.
+fn unaligned(memory: &[f64]) -> usize {
+    memory.as_ptr().align_offset(size_of::<Row>()).min(memory.len())
 }
 
 pub(super) fn runs(rows: &Rows) -> &Panel {
@@ -45,14 +121,14 @@ pub(super) fn runs_mut(rows: &mut Rows) -> &mut Panel {
 
 /// A growing sequence of panels, whose memory comes from a pool and goes back to it.
 pub(super) struct Panels<'a> {
-    chunks: Vec<Rows>,
+    chunks: Vec<Chunk>,
     count: usize,
     pool: &'a Pool,
 }
 
 impl Drop for Panels<'_> {
     fn drop(&mut self) {
-        self.pool.free.lock().unwrap_or_else(PoisonError::into_inner).append(&mut self.chunks);
+        self.pool.give_back(self.chunks.drain(..));
     }
 }
 
@@ -65,23 +141,26 @@ impl<'a> Panels<'a> {
         self.count
     }
 
+    fn capacity(&self) -> usize {
+        self.chunks.iter().map(|chunk| chunk.panels(self.pool.runs).len()).sum()
+    }
+
     /// Adds a panel with any content.
     pub fn grow(&mut self) -> Result<(), EigenError> {
-        if self.count == self.chunks.len() * CHUNK {
-            let free = self.pool.free.lock().unwrap_or_else(PoisonError::into_inner).pop();
-            self.chunks.push(free.map_or_else(|| self.pool.panels(CHUNK), Ok)?);
+        while self.count == self.capacity() {
+            self.chunks.push(self.pool.chunk(self.count)?);
         }
         self.count += 1;
         Ok(())
     }
 
     pub fn all(&self) -> Vec<&Panel> {
-        let panels = self.chunks.iter().flat_map(|chunk| runs(chunk).chunks_exact(self.pool.runs));
+        let panels = self.chunks.iter().flat_map(|chunk| chunk.panels(self.pool.runs));
         panels.take(self.count).collect()
     }
 
     pub fn all_mut(&mut self) -> Vec<&mut Panel> {
-        let panels = self.chunks.iter_mut().flat_map(|chunk| runs_mut(chunk).chunks_exact_mut(self.pool.runs));
+        let panels = self.chunks.iter_mut().flat_map(|chunk| chunk.panels_mut(self.pool.runs));
         panels.take(self.count).collect()
     }
 
@@ -102,7 +181,89 @@ impl<'a> Panels<'a> {
     /// Gives all but the first panels back.
     pub fn truncate(&mut self, count: usize) {
         self.count = self.count.min(count);
-        let mut rest = self.chunks.split_off(self.count.div_ceil(CHUNK));
-        self.pool.free.lock().unwrap_or_else(PoisonError::into_inner).append(&mut rest);
+        while let Some(chunk) = self.chunks.pop() {
+            if self.capacity() < self.count {
+                self.chunks.push(chunk);
+                break;
+            }
+            self.pool.give_back([chunk]);
+        }
+    }
+
+    /// Gives the memory back to the system.
+    pub fn release(mut self) {
+        self.chunks.clear();
+    }
+
+    /// Moves panels out of lent memory.
+    pub fn settle(self) -> Result<Self, EigenError> {
+        if self.chunks.iter().all(|chunk| matches!(chunk, Chunk::Own(_))) {
+            return Ok(self);
+        }
+        let mut own = Self::new(self.pool);
+        for panel in self.all() {
+            while own.count == own.capacity() {
+                own.chunks.push(self.pool.own_chunk(CHUNK)?);
+            }
+            own.count += 1;
+            if let Some((_, target)) = own.split() {
+                target.copy_from_slice(panel);
+            }
+        }
+        Ok(own)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const N: usize = 3 * RUN - 5;
+
+    fn grown(pool: &Pool, count: usize) -> Panels<'_> {
+        let mut panels = Panels::new(pool);
+        for p in 0..count {
+            panels.grow().expect("small");
+            let (_, last) = panels.split().expect("not empty");
+            last.as_flattened_mut().as_flattened_mut().fill(p as f64);
+        }
+        panels
+    }
+
+    fn hold(panels: &Panels<'_>, count: usize) -> bool {
+        let all = panels.all();
+        let constant = |(p, panel): (usize, &&Panel)| {
+            panel.as_flattened().as_flattened().iter().all(|x| x.to_bits() == (p as f64).to_bits())
+        };
+        all.len() == count && all.iter().enumerate().all(constant)
+    }
+
+    #[test]
+    fn panels_keep_what_they_hold_in_own_and_in_lent_memory() {
+        let pool = Pool::new(N, CHUNK * WIDTH);
+        // Room for five panels and a bit.
+        pool.lend(vec![-1.0; 5 * 3 * RUN * WIDTH + 40]);
+        {
+            let mut panels = grown(&pool, 3 * CHUNK);
+            assert!(hold(&panels, 3 * CHUNK) && lock(&pool.lent).is_none());
+            panels.truncate(CHUNK + 1);
+            let panels = panels.settle().expect("small");
+            assert!(hold(&panels, CHUNK + 1) && lock(&pool.lent).is_some());
+            // A second sequence takes up what the first gave back.
+            let mut second = grown(&pool, 2 * CHUNK);
+            assert!(hold(&second, 2 * CHUNK) && hold(&panels, CHUNK + 1) && lock(&pool.lent).is_none());
+            second.truncate(CHUNK);
+            assert!(hold(&second, CHUNK) && lock(&pool.lent).is_some());
+        }
+        assert_eq!(pool.take_back().map(|memory| memory.len()), Some(5 * 3 * RUN * WIDTH + 40));
+        assert!(pool.take_back().is_none());
+    }
+
+    #[test]
+    fn lent_memory_that_is_too_small_for_a_panel_does_no_harm() {
+        let pool = Pool::new(N, 0);
+        pool.lend(vec![0.0; 7]);
+        assert!(hold(&grown(&pool, CHUNK + 2), CHUNK + 2));
+        assert!(pool.take_back().is_some());
     }
 }

@@ -2,14 +2,9 @@
 
 use super::EigenError;
 use super::basis::Null;
-use super::panel::{Row, WIDTH};
-use crate::simd::vectorised;
 use crate::sparse::SymmetricCsr;
 use faer::MatMut;
 use faer::prelude::Reborrow;
-
-/// A residual this many times what rounding the entries of M may cause is as small as it can be.
-const ROUNDING: f64 = 16.0;
 
 pub(crate) struct Problem<'a> {
     pub(super) stiffness: &'a SymmetricCsr,
@@ -97,91 +92,5 @@ impl<'a> Problem<'a> {
             values.extend(self.stiffness.row(i).map(|(j, m)| m / (self.root[i] * self.root[j])));
         }
         values
-    }
-
-    /// How good eight approximate eigenvectors v = R^-1 y of unit norm in y are.
-    pub(super) fn examine(&self, v: &[Row]) -> Quality {
-        vectorised(
-            #[inline(always)]
-            || {
-                let values = self.rayleigh_quotients(v);
-                let (residuals, rounding) = self.residuals(&values, v);
-                Quality { values, residuals, rounding }
-            },
-        )
-    }
-
-    /// Rayleigh quotients, i.e. eigenvalues of A, from differences of neighbouring values: smooth vectors lose no digits to the
-    /// cancellation in rows that sum to zero.
-    #[inline(always)]
-    fn rayleigh_quotients(&self, v: &[Row]) -> Row {
-        let (mut energy, mut norm) = ([0.0; WIDTH], [0.0; WIDTH]);
-        for (i, x) in v.iter().enumerate() {
-            let mut edges = [0.0; WIDTH];
-            for (j, m) in self.stiffness.row(i) {
-                for q in 0..WIDTH {
-                    let difference = x[q] - v[j][q];
-                    edges[q] = (-m * difference).mul_add(difference, edges[q]);
-                }
-            }
-            let r = self.root[i];
-            for q in 0..WIDTH {
-                energy[q] += 0.5 * edges[q];
-                norm[q] += (r * x[q]) * (r * x[q]);
-            }
-        }
-        std::array::from_fn(|q| energy[q] / norm[q])
-    }
-
-    /// A y - lambda y for eight approximate eigenvectors v = R^-1 y, at the vertices in this order.
-    pub(super) fn residual_rows(&self, lambda: &Row, v: &[Row], order: &[u32]) -> Vec<Row> {
-        vectorised(
-            #[inline(always)]
-            || order.iter().map(|&vertex| self.residual(lambda, v, vertex as usize).0).collect(),
-        )
-    }
-
-    /// Row i of A y - lambda y, and of |A| |y|.
-    #[inline(always)]
-    fn residual(&self, lambda: &Row, v: &[Row], i: usize) -> (Row, Row) {
-        let (mut product, mut magnitude) = ([0.0; WIDTH], [0.0; WIDTH]);
-        for (j, m) in self.stiffness.row(i) {
-            for q in 0..WIDTH {
-                product[q] = (-m).mul_add(v[i][q] - v[j][q], product[q]);
-                magnitude[q] += (m * v[j][q]).abs();
-            }
-        }
-        let r = self.root[i];
-        let residual = |q: usize| (product[q] - lambda[q] * r * r * v[i][q]) / r;
-        (std::array::from_fn(residual), magnitude.map(|x| x / r))
-    }
-
-    /// The norms of A y - lambda y, and what rounding alone may make them.
-    #[inline(always)]
-    fn residuals(&self, lambda: &Row, v: &[Row]) -> (Row, Row) {
-        let (mut norm, mut rounding) = ([0.0; WIDTH], [0.0; WIDTH]);
-        for i in 0..v.len() {
-            let (residual, magnitude) = self.residual(lambda, v, i);
-            for q in 0..WIDTH {
-                norm[q] = residual[q].mul_add(residual[q], norm[q]);
-                rounding[q] = magnitude[q].mul_add(magnitude[q], rounding[q]);
-            }
-        }
-        (norm.map(f64::sqrt), rounding.map(|x| f64::EPSILON * x.sqrt()))
-    }
-}
-
-/// Eigenvalues, residuals and their rounding errors for the vectors of a panel.
-pub(super) struct Quality {
-    pub values: Row,
-    pub residuals: Row,
-    pub rounding: Row,
-}
-
-impl Quality {
-    /// Whether vector q is a positive pair's to this relative tolerance, or as far as rounding allows.
-    pub fn is_fine(&self, q: usize, tolerance: f64) -> bool {
-        let (value, residual) = (self.values[q], self.residuals[q]);
-        value > 0.0 && residual <= (tolerance * value).max(ROUNDING * self.rounding[q]) && residual.is_finite()
     }
 }

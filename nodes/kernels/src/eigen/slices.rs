@@ -7,7 +7,7 @@ use super::lanczos::{Found, Run, expected_blocks, lanczos};
 use super::packed::Packed;
 use super::pool::Pool;
 use super::reach::{Reach, Side};
-use super::vectors::Vectors;
+use super::vectors::{Store, Vectors};
 use super::{EigenError, Hooks, Options, Phase, enter};
 use std::f64::consts::PI;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -169,7 +169,7 @@ fn join<'a>(spectrum: &Spectrum<'a>, found: Vec<Found<'a>>) -> Result<Union<'a>,
             values.push(value);
             columns.push(column);
         }
-        stores.push((slice.vectors, columns));
+        stores.push(Store { panels: slice.vectors, values: slice.values, columns });
         // The shift has its own count: what is missing or double is noticed where it happens.
         let below = values.iter().filter(|v| **v < slice.shift).count();
         if below != slice.count_below {
@@ -184,5 +184,5 @@ fn join<'a>(spectrum: &Spectrum<'a>, found: Vec<Found<'a>>) -> Result<Union<'a>,
     }
     enter(spectrum.hooks, Phase::Count)?;
     let expected = spectrum.factorizer.count_below(cut, gap)?;
-    Ok(Union { vectors: Vectors::new(stores), cut, expected, last: false })
+    Ok(Union { vectors: Vectors::new(stores)?, cut, expected, last: false })
 }

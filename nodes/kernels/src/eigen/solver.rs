@@ -9,7 +9,7 @@ use super::lanczos::expected_blocks;
 use super::panel::WIDTH;
 use super::pool::Pool;
 use super::problem::Problem;
-use super::slices::{Attempt, Spectrum, Union, union};
+use super::slices::{Attempt, Spectrum, Union, slice_count, union};
 use super::vectors::Vectors;
 use super::{Certificate, EigenError, Eigenpairs, Hooks, Method, Options, Phase, enter};
 use std::f64::consts::PI;
@@ -44,7 +44,7 @@ pub(crate) fn solve(
         factorizer: &factorizer,
         order: &order,
         null: &null,
-        pool: &Pool::new(problem.n()),
+        pool: &Pool::new(problem.n(), staying(problem.n(), k)),
         k,
         options,
         hooks,
@@ -52,6 +52,12 @@ pub(crate) fn solve(
     let found = solver.attempts()?;
     hooks.progress(1.0);
     Ok(found)
+}
+
+/// About how many vectors stay of a slice's basis: windows differ a little, and slices overlap.
+fn staying(n: usize, k: usize) -> usize {
+    let share = k / slice_count(n, k);
+    share + share / 16 + WIDTH
 }
 
 /// Keeps progress from falling back when a further attempt begins.
@@ -147,6 +153,7 @@ impl<'a> Solver<'a> {
             options: self.options,
             hooks: self.hooks,
         };
+        self.pool.lend(vec![0.0; self.problem.n() * self.k]);
         self.certified(union(&spectrum, attempt)?, Method::Lanczos, attempt.number + 1)
     }
 
@@ -170,14 +177,14 @@ impl<'a> Solver<'a> {
             }
         }
         let expected = self.factorizer.count_below(cut.value, cut.width)?;
-        let vectors = Vectors::with(self.pool, n, cut.position, |i, j| y[(self.order[i] as usize, j)])?;
+        let vectors = Vectors::with(self.pool, n, &values[..cut.position], |i, j| y[(self.order[i] as usize, j)])?;
         Ok(Union { vectors, cut: cut.value, expected, last: cut.position == available })
     }
 
     fn certified(&self, union: Union<'_>, method: Method, rounds: usize) -> Result<Eigenpairs, EigenError> {
         let Union { mut vectors, cut, expected, last } = union;
         let found = self.null.count + vectors.len();
-        let columns = Columns { problem: self.problem, null: self.null, order: self.order, hooks: self.hooks };
+        let columns = Columns::new(self.problem, self.null, self.order, self.hooks);
         enter(self.hooks, Phase::Certify)?;
         columns.polish(&mut vectors, self.options.tolerance, || {
             enter(self.hooks, Phase::Factorise)?;
@@ -185,7 +192,11 @@ impl<'a> Solver<'a> {
         })?;
         enter(self.hooks, Phase::Certify)?;
         let orthogonality = columns.orthogonalise(&mut vectors)?;
-        let findings = columns.examine(&mut vectors, self.wanted(), self.options.tolerance)?;
+        // All that were found: only the final values tell which are wanted.
+        let (n, null) = (self.problem.n(), self.null.count.min(self.k));
+        let mut target = self.pool.take_back().unwrap_or_default();
+        target.resize(n * (null + vectors.len()), 0.0);
+        let findings = columns.examine(vectors, self.wanted(), self.options.tolerance, &mut target[n * null..])?;
         let uncertified = EigenError::NotCertified { expected, found, residual: findings.residual };
         // Final values, not those that the cut was placed by: each pair then stands for an eigenvalue of its own below the cut.
         let below = findings.values.last().is_none_or(|last| *last < cut);
@@ -202,8 +213,7 @@ impl<'a> Solver<'a> {
             rounds,
             gap_above: self.gap_above(&findings.values, cut, last),
         };
-        self.hooks.progress(0.95);
-        self.finish(&columns, &vectors, &findings.values, certificate)
+        Ok(self.finish(target, &findings.values, certificate))
     }
 
     /// From the last pair asked for to the next, relative to that.
@@ -217,17 +227,13 @@ impl<'a> Solver<'a> {
         Some(if next > 0.0 { (next - own) / next } else { 0.0 })
     }
 
-    /// Back to the caller's units, null space first.
-    fn finish(
-        &self,
-        columns: &Columns<'_>,
-        found: &Vectors<'_>,
-        positive: &[f64],
-        certificate: Certificate,
-    ) -> Result<Eigenpairs, EigenError> {
+    /// The null space first, in the caller's units, and no more pairs than were asked for.
+    fn finish(&self, mut vectors: Vec<f64>, positive: &[f64], certificate: Certificate) -> Eigenpairs {
         let (n, k, problem) = (self.problem.n(), self.k, self.problem);
         let null = self.null.count.min(k);
-        let mut vectors = vec![0.0; n * k];
+        vectors.truncate(n * k);
+        vectors.shrink_to_fit();
+        vectors[..n * null].fill(0.0);
         for i in 0..n {
             let (label, unit) = problem.null_entry(i);
             if label < null {
@@ -236,8 +242,6 @@ impl<'a> Solver<'a> {
         }
         let mut values = vec![0.0; null];
         values.extend(positive[..k - null].iter().map(|x| x / problem.area));
-        enter(self.hooks, Phase::Vectors)?;
-        columns.write(found, &mut vectors[null * n..])?;
-        Ok(Eigenpairs { values, vectors, n, certificate })
+        Eigenpairs { values, vectors, n, certificate }
     }
 }

@@ -1,140 +1,130 @@
-//! Approximate eigenvectors of all slices, in elimination order, and arithmetic on them run by run.
+//! Approximate eigenvectors of all slices, in elimination order, where the bases were: new pages are dear.
 
 use super::EigenError;
 use super::basis::Null;
-use super::panel::{Row, WIDTH};
-use super::pool::{Panel, Panels, Pool, RUN};
+use super::panel::{Row, WIDTH, ZERO};
+use super::pool::{Panel, Panels, Pool};
+use super::tiles::subtract_products;
 use crate::simd::vectorised;
-use faer::linalg::matmul::matmul;
-use faer::linalg::matmul::triangular::{self, BlockStructure};
-use faer::{Accum, Mat, MatMut, MatRef, Par};
+use std::collections::BTreeMap;
 
-/// Some of the columns of several stores, in any order. They lie eight to a panel, where the bases were: new pages are dear.
+/// Some of the columns of several stores, in the order in which they lie there, eight to a panel.
 pub(super) struct Vectors<'a> {
     stores: Vec<Panels<'a>>,
-    /// Panel, counted through all stores, times eight and column there of each vector.
-    index: Vec<usize>,
+    /// Panel, counted through all stores, times eight and column there of each vector, ascending.
+    places: Vec<usize>,
+    /// Approximate eigenvalues of all columns, panel by panel.
+    values: Vec<Row>,
+}
+
+/// Columns of panels, their eigenvalues as far as they are known, and the numbers of those that count, ascending.
+pub(super) struct Store<'a> {
+    pub panels: Panels<'a>,
+    pub values: Vec<f64>,
+    pub columns: Vec<usize>,
 }
 
 impl<'a> Vectors<'a> {
-    /// The columns of each store that are named with it, store by store.
-    pub fn new(stores: Vec<(Panels<'a>, Vec<usize>)>) -> Self {
-        let (mut index, mut begin) = (Vec::new(), 0);
-        for (store, columns) in &stores {
-            index.extend(columns.iter().map(|column| begin + column));
-            begin += store.count() * WIDTH;
+    pub fn new(stores: Vec<Store<'a>>) -> Result<Self, EigenError> {
+        let (mut places, mut values) = (Vec::new(), Vec::new());
+        for store in &stores {
+            places.extend(store.columns.iter().map(|column| values.len() * WIDTH + column));
+            let value = |column: usize| store.values.get(column).copied().unwrap_or(0.0);
+            values.extend((0..store.panels.count()).map(|p| std::array::from_fn(|q| value(p * WIDTH + q))));
         }
-        Self { stores: stores.into_iter().map(|s| s.0).collect(), index }
+        let stores = stores.into_iter().map(|store| store.panels.settle()).collect::<Result<_, _>>()?;
+        Ok(Self { stores, places, values })
     }
 
-    /// Columns with these entries by row in elimination order.
+    /// Columns with these eigenvalues, and these entries by row in elimination order.
     pub fn with(
         pool: &'a Pool,
         n: usize,
-        columns: usize,
+        values: &[f64],
         entry: impl Fn(usize, usize) -> f64,
     ) -> Result<Self, EigenError> {
-        let mut store = Panels::new(pool);
+        let (mut panels, columns) = (Panels::new(pool), values.len());
         for p in 0..columns.div_ceil(WIDTH) {
-            store.grow()?;
-            let Some((_, panel)) = store.split() else { continue };
+            panels.grow()?;
+            let Some((_, panel)) = panels.split() else { continue };
             for (i, row) in panel.as_flattened_mut().iter_mut().enumerate() {
                 let inside = |j: usize| i < n && j < columns;
                 *row = std::array::from_fn(|q| p * WIDTH + q).map(|j| if inside(j) { entry(i, j) } else { 0.0 });
             }
         }
-        Ok(Self::new(vec![(store, (0..columns).collect())]))
+        Self::new(vec![Store { panels, values: values.to_vec(), columns: (0..columns).collect() }])
     }
 
     pub fn len(&self) -> usize {
-        self.index.len()
+        self.places.len()
     }
 
-    pub fn runs(&self) -> usize {
-        self.panels().first().map_or(0, |panel| panel.len())
+    /// Panel and column there of each vector, ascending.
+    pub fn places(&self) -> Vec<(usize, usize)> {
+        self.places.iter().map(|place| (place / WIDTH, place % WIDTH)).collect()
     }
 
-    /// All panels, which may hold more columns than are selected.
+    /// The panels store by store, which takes them away.
+    pub fn into_stores(self) -> Vec<Panels<'a>> {
+        self.stores
+    }
+
+    /// All panels, which may hold more columns than count.
     pub fn panels(&self) -> Vec<&Panel> {
         self.stores.iter().flat_map(Panels::all).collect()
     }
 
-    /// The vectors in another order, or some of them.
-    pub fn select(&mut self, order: &[usize]) {
-        self.index = order.iter().map(|&j| self.index[j]).collect();
+    fn panels_mut(&mut self) -> Vec<&mut Panel> {
+        self.stores.iter_mut().flat_map(Panels::all_mut).collect()
     }
 
-    /// Adds Y' Y over some runs to the lower triangle.
-    pub fn add_gram(&self, runs: std::ops::Range<usize>, gram: &mut Mat<f64>) {
-        let (k, panels) = (self.len(), self.panels());
-        let mut block = vec![0.0; RUN * k];
-        for run in runs {
-            gather(&panels, &self.index, run, &mut block);
-            let y = MatRef::from_column_major_slice(&block, RUN, k);
-            let (lower, whole) = (BlockStructure::TriangularLower, BlockStructure::Rectangular);
-            triangular::matmul(gram.as_mut(), lower, Accum::Add, y.transpose(), whole, y, whole, 1.0, Par::Seq);
-        }
+    /// Which columns of a panel count.
+    pub fn counts(&self, panel: usize) -> [bool; WIDTH] {
+        std::array::from_fn(|q| self.places.binary_search(&(panel * WIDTH + q)).is_ok())
     }
 
-    /// Applies y_to -= factor y_from to the former vectors, all at once.
+    /// Approximate eigenvalues of all columns, panel by panel.
+    pub fn values(&self) -> &[Row] {
+        &self.values
+    }
+
+    /// Applies y_to -= factor y_from to the former vectors, all at once; steps are (to, from, factor), and `to` is above `from`.
     pub fn subtract_multiples(&mut self, steps: &[(usize, usize, f64)]) {
-        let mut from: Vec<usize> = steps.iter().map(|s| s.1).collect();
-        let mut to: Vec<usize> = steps.iter().map(|s| s.0).collect();
-        for places in [&mut from, &mut to] {
-            places.sort_unstable();
-            places.dedup();
+        let mut blocks = BTreeMap::new();
+        for (to, from, factor) in steps {
+            let (to, from) = (self.places[*to], self.places[*from]);
+            let block = blocks.entry((to / WIDTH, from / WIDTH)).or_insert(ZERO);
+            block[from % WIDTH][to % WIDTH] = *factor;
         }
-        let mut factors = Mat::<f64>::zeros(from.len(), to.len());
-        for (target, source, factor) in steps {
-            factors[(from.partition_point(|j| j < source), to.partition_point(|j| j < target))] = *factor;
-        }
-        let [from, to] = [from, to].map(|places| places.iter().map(|&j| self.index[j]).collect::<Vec<_>>());
-        let (mut block, mut product) = (vec![0.0; RUN * from.len()], vec![0.0; RUN * to.len()]);
-        for run in 0..self.runs() {
-            gather(&self.panels(), &from, run, &mut block);
-            let y = MatRef::from_column_major_slice(&block, RUN, from.len());
-            let target = MatMut::from_column_major_slice_mut(&mut product, RUN, to.len());
-            matmul(target, Accum::Replace, y, factors.as_ref(), 1.0, Par::Seq);
-            let mut panels: Vec<&mut Panel> = self.stores.iter_mut().flat_map(Panels::all_mut).collect();
-            for (column, &place) in product.chunks_exact(RUN).zip(&to) {
-                for (row, x) in panels[place / WIDTH][run].iter_mut().zip(column) {
-                    row[place % WIDTH] -= x;
+        // Downwards, so that what is subtracted is still as it was.
+        let blocks: Vec<_> = blocks.into_iter().rev().map(|((to, from), block)| (to, from, block)).collect();
+        subtract_products(&mut self.panels_mut(), &blocks);
+    }
+
+    /// Subtracts the rows of a correction, in elimination order, from the columns of a panel that count, whose eigenvalues are these.
+    pub fn correct(&mut self, panel: usize, correction: &[Row], values: &Row) {
+        let counts = self.counts(panel);
+        for (row, x) in self.panels_mut()[panel].as_flattened_mut().iter_mut().zip(correction) {
+            for q in 0..WIDTH {
+                if counts[q] {
+                    row[q] -= x[q];
                 }
             }
         }
-    }
-
-    /// Subtracts the columns of a panel, by row in elimination order, from up to eight vectors from `begin` on.
-    pub fn subtract(&mut self, begin: usize, panel: &[Row]) {
-        let mut targets: Vec<&mut Panel> = self.stores.iter_mut().flat_map(Panels::all_mut).collect();
-        for (q, &place) in self.index[begin..].iter().take(WIDTH).enumerate() {
-            for (row, x) in targets[place / WIDTH].as_flattened_mut().iter_mut().zip(panel) {
-                row[place % WIDTH] -= x[q];
-            }
-        }
-    }
-
-    /// Up to eight vectors from `begin` on as a panel whose row `order[i]` is row i times the scale there.
-    pub fn panel(&self, begin: usize, order: &[u32], scale: &[f64]) -> Vec<Row> {
-        let panels = self.panels();
-        let places: [usize; WIDTH] = std::array::from_fn(|q| self.index[(begin + q).min(self.len() - 1)]);
-        let sources = places.map(|place| panels[place / WIDTH].as_flattened());
-        let mut panel = vec![[0.0; WIDTH]; order.len()];
-        for (i, &vertex) in order.iter().enumerate() {
-            let s = scale[vertex as usize];
-            panel[vertex as usize] = std::array::from_fn(|q| sources[q][i][places[q] % WIDTH] * s);
-        }
-        panel
+        self.values[panel] = *values;
     }
 }
 
-/// Some vectors, by their places, in one run, column after column.
-fn gather(panels: &[&Panel], places: &[usize], run: usize, block: &mut [f64]) {
-    for (target, place) in block.chunks_exact_mut(RUN).zip(places) {
-        for (x, row) in target.iter_mut().zip(&panels[place / WIDTH][run]) {
-            *x = row[place % WIDTH];
-        }
-    }
+/// Fills rows by vertex from rows in elimination order, each multiplied by the scale at its vertex.
+pub(super) fn by_vertex(panel: &Panel, order: &[u32], scale: &[f64], rows: &mut [Row]) {
+    vectorised(
+        #[inline(always)]
+        || {
+            for (&vertex, y) in order.iter().zip(panel.as_flattened()) {
+                rows[vertex as usize] = y.map(|x| x * scale[vertex as usize]);
+            }
+        },
+    );
 }
 
 /// The product of a panel with the null vectors, the largest magnitude.

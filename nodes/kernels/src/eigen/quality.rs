@@ -1,0 +1,189 @@
+//! How good approximate eigenpairs are.
+//!
+//! Rows of A sum to almost nothing, so products with it are taken from differences of neighbouring values: smooth vectors lose no digits.
+
+use super::panel::{Row, WIDTH};
+use super::problem::Problem;
+use super::tiles::{parts, registers};
+use crate::simd::vectorised;
+use pulp::{Arch, Simd, WithSimd};
+
+/// A residual this many times what rounding the entries of M may cause is as small as it can be.
+const ROUNDING: f64 = 16.0;
+
+/// A squared residual this much smaller than the one it was computed from is computed again.
+const CANCELLED: f64 = 1e-6;
+
+/// Eigenvalues and residuals of the vectors of a panel.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Quality {
+    /// Rayleigh quotients.
+    pub values: Row,
+    /// Norms of A y - lambda y over that of y.
+    pub residuals: Row,
+    /// What rounding alone may make them; zero where they are within the tolerance.
+    pub rounding: Row,
+    /// The weighted sums of cubes, and of their magnitudes, up to a common factor.
+    pub cubes: Row,
+    pub magnitudes: Row,
+}
+
+impl Quality {
+    /// Whether vector q is a positive pair's to this relative tolerance, or as far as rounding allows.
+    pub fn is_fine(&self, q: usize, tolerance: f64) -> bool {
+        let (value, residual) = (self.values[q], self.residuals[q]);
+        value > 0.0 && residual <= (tolerance * value).max(ROUNDING * self.rounding[q]) && residual.is_finite()
+    }
+}
+
+impl Problem<'_> {
+    /// The quality of eight approximate eigenvectors v = R^-1 y, of about unit norm in y, whose eigenvalues are about the guesses. Guesses that are far off cost
+    /// a second pass, not accuracy.
+    pub(super) fn examine(&self, v: &[Row], guesses: &Row, tolerance: f64) -> Quality {
+        let sums = self.sums(v, guesses);
+        let values: Row = std::array::from_fn(|q| 0.5 * sums.edges[q] / sums.norm[q]);
+        let mut squares = sums.squared_residuals(guesses, &values);
+        if (0..WIDTH).any(|q| squares[q] < CANCELLED * sums.residual[q]) {
+            squares = self.sums(v, &values).residual;
+        }
+        let residuals = std::array::from_fn(|q| (squares[q] / sums.norm[q]).sqrt());
+        let large = (0..WIDTH).any(|q| residuals[q] > tolerance * values[q]);
+        let rounding = if large { self.rounding(v) } else { [0.0; WIDTH] };
+        Quality { values, residuals, rounding, cubes: sums.cubes, magnitudes: sums.magnitudes }
+    }
+
+    fn sums(&self, v: &[Row], guesses: &Row) -> Sums {
+        Arch::new().dispatch(Pass { problem: self, v, guesses })
+    }
+
+    /// A y - lambda y for eight approximate eigenvectors v = R^-1 y, at the vertices in this order.
+    pub(super) fn residual_rows(&self, lambda: &Row, v: &[Row], order: &[u32]) -> Vec<Row> {
+        vectorised(
+            #[inline(always)]
+            || order.iter().map(|&vertex| self.residual(lambda, v, vertex as usize)).collect(),
+        )
+    }
+
+    #[inline(always)]
+    fn residual(&self, lambda: &Row, v: &[Row], i: usize) -> Row {
+        let mut product = [0.0; WIDTH];
+        for (j, m) in self.stiffness.row(i) {
+            for q in 0..WIDTH {
+                product[q] = (-m).mul_add(v[i][q] - v[j][q], product[q]);
+            }
+        }
+        let r = self.root[i];
+        std::array::from_fn(|q| (product[q] - lambda[q] * r * r * v[i][q]) / r)
+    }
+
+    /// What rounding the entries of M and the products with them may make the norms of residuals: norms of |A| |y|.
+    fn rounding(&self, v: &[Row]) -> Row {
+        let mut squares = [0.0; WIDTH];
+        vectorised(
+            #[inline(always)]
+            || {
+                for (i, r) in self.root.iter().enumerate() {
+                    let mut magnitude = [0.0; WIDTH];
+                    for (j, m) in self.stiffness.row(i) {
+                        for q in 0..WIDTH {
+                            magnitude[q] += (m * v[j][q]).abs();
+                        }
+                    }
+                    for q in 0..WIDTH {
+                        squares[q] += (magnitude[q] / r) * (magnitude[q] / r);
+                    }
+                }
+            },
+        );
+        squares.map(|x| f64::EPSILON * x.sqrt())
+    }
+}
+
+/// What one pass over the matrix sums up, with r = A y - mu y for the guess mu.
+#[derive(Default)]
+struct Sums {
+    /// y' y.
+    norm: Row,
+    /// 2 y' A y: every edge counts from both its ends.
+    edges: Row,
+    /// y' r.
+    along: Row,
+    /// r' r.
+    residual: Row,
+    cubes: Row,
+    magnitudes: Row,
+}
+
+impl Sums {
+    /// Of A y - lambda y.
+    fn squared_residuals(&self, guesses: &Row, values: &Row) -> Row {
+        std::array::from_fn(|q| {
+            let off = values[q] - guesses[q];
+            (self.residual[q] - 2.0 * off * self.along[q] + off * off * self.norm[q]).max(0.0)
+        })
+    }
+}
+
+struct Pass<'a> {
+    problem: &'a Problem<'a>,
+    v: &'a [Row],
+    guesses: &'a Row,
+}
+
+impl WithSimd for Pass<'_> {
+    type Output = Sums;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Sums {
+        let mut sums = Sums::default();
+        for part in 0..parts::<S>() {
+            let lanes = part * S::F64_LANES..(part + 1) * S::F64_LANES;
+            let found = self.part(simd, part);
+            let targets = [
+                &mut sums.norm,
+                &mut sums.edges,
+                &mut sums.along,
+                &mut sums.residual,
+                &mut sums.cubes,
+                &mut sums.magnitudes,
+            ];
+            for (target, sum) in targets.into_iter().zip(found) {
+                simd.partial_store_f64s(&mut target[lanes.clone()], sum);
+            }
+        }
+        sums
+    }
+}
+
+impl Pass<'_> {
+    /// The sums of some lanes, in the order of the fields.
+    #[inline(always)]
+    fn part<S: Simd>(&self, simd: S, part: usize) -> [S::f64s; 6] {
+        let (parts, matrix, zero) = (parts::<S>(), self.problem.stiffness, simd.splat_f64s(0.0));
+        let v = registers::<S>(self.v);
+        let guess = registers::<S>(std::slice::from_ref(self.guesses))[part];
+        let mut sums = [zero; 6];
+        for (i, (range, &root)) in matrix.offsets().windows(2).zip(&self.problem.root).enumerate() {
+            let x = v[i * parts + part];
+            let (mut product, mut edges) = (zero, zero);
+            let range = range[0]..range[1];
+            for (&j, &m) in matrix.columns()[range.clone()].iter().zip(&matrix.values()[range]) {
+                let difference = simd.sub_f64s(v[j as usize * parts + part], x);
+                let pull = simd.mul_f64s(simd.splat_f64s(m), difference);
+                product = simd.add_f64s(product, pull);
+                edges = simd.negate_mul_add_f64s(pull, difference, edges);
+            }
+            let y = simd.mul_f64s(simd.splat_f64s(root), x);
+            let r = simd.mul_f64s(simd.splat_f64s(1.0 / root), product);
+            let r = simd.negate_mul_add_f64s(guess, y, r);
+            let square = simd.mul_f64s(y, y);
+            sums[0] = simd.add_f64s(sums[0], square);
+            sums[1] = simd.add_f64s(sums[1], edges);
+            sums[2] = simd.mul_add_f64s(y, r, sums[2]);
+            sums[3] = simd.mul_add_f64s(r, r, sums[3]);
+            sums[4] = simd.mul_add_f64s(square, x, sums[4]);
+            sums[5] = simd.mul_add_f64s(square, simd.abs_f64s(x), sums[5]);
+        }
+        sums
+    }
+}

@@ -1,0 +1,186 @@
+//! Products of panels in explicit SIMD instructions: loops over arrays of arrays are not turned into the widest ones. Every entry is
+//! summed in the same order whatever the width of a register.
+
+use super::panel::{Block, Row, WIDTH, ZERO};
+use super::pool::Panel;
+use pulp::{Arch, Simd, WithSimd};
+use std::ops::Range;
+
+/// Panels whose runs stay in the second-level cache while all others go by.
+const GROUP: usize = 8;
+
+/// Registers in a row of a panel.
+#[inline(always)]
+pub(super) fn parts<S: Simd>() -> usize {
+    WIDTH / S::F64_LANES
+}
+
+/// The registers of rows, row by row.
+#[inline(always)]
+pub(super) fn registers<S: Simd>(rows: &[Row]) -> &[S::f64s] {
+    S::as_simd_f64s(rows.as_flattened()).0
+}
+
+#[inline(always)]
+pub(super) fn registers_mut<S: Simd>(rows: &mut [Row]) -> &mut [S::f64s] {
+    S::as_mut_simd_f64s(rows.as_flattened_mut()).0
+}
+
+/// The lower triangle of a symmetric matrix of blocks, row by row.
+#[derive(Clone)]
+pub(super) struct Triangle(Vec<Block>);
+
+impl Triangle {
+    pub fn zeros(panels: usize) -> Self {
+        Self(vec![ZERO; panels * (panels + 1) / 2])
+    }
+
+    /// Row and column count vectors.
+    pub fn get(&self, i: usize, j: usize) -> f64 {
+        let (i, j) = (i.max(j), i.min(j));
+        let (row, column) = (i / WIDTH, j / WIDTH);
+        self.0[row * (row + 1) / 2 + column][i % WIDTH][j % WIDTH]
+    }
+
+    pub fn add(&mut self, other: &Self) {
+        for (x, y) in self.0.as_flattened_mut().as_flattened_mut().iter_mut().zip(other.0.as_flattened().as_flattened())
+        {
+            *x += y;
+        }
+    }
+
+    /// Adds Y' Y over some runs.
+    pub fn add_gram(&mut self, panels: &[&Panel], runs: Range<usize>) {
+        Arch::new().dispatch(Gram { panels, runs, sums: &mut self.0 });
+    }
+}
+
+struct Gram<'a> {
+    panels: &'a [&'a Panel],
+    runs: Range<usize>,
+    sums: &'a mut [Block],
+}
+
+impl WithSimd for Gram<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let count = self.panels.len();
+        for run in self.runs {
+            for group in (0..count).step_by(GROUP) {
+                for row in group..count {
+                    let columns = group..(row + 1).min(group + GROUP);
+                    let begin = row * (row + 1) / 2;
+                    let sums = &mut self.sums[begin + columns.start..begin + columns.end];
+                    let x = &self.panels[row][run];
+                    let (pairs, single) = sums.as_chunks_mut::<2>();
+                    for (pair, column) in pairs.iter_mut().zip(columns.clone().step_by(2)) {
+                        add_products(simd, pair, x, &self.panels[column][run], &self.panels[column + 1][run]);
+                    }
+                    for sum in single {
+                        add_product(simd, sum, x, &self.panels[columns.end - 1][run]);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// h += x' y.
+#[inline(always)]
+fn add_product<S: Simd>(simd: S, h: &mut Block, x: &[Row], y: &[Row]) {
+    let parts = parts::<S>();
+    for part in 0..parts {
+        let mut sums = [simd.splat_f64s(0.0); WIDTH];
+        for (x, y) in x.iter().zip(registers::<S>(y).chunks_exact(parts)) {
+            for i in 0..WIDTH {
+                sums[i] = simd.mul_add_f64s(simd.splat_f64s(x[i]), y[part], sums[i]);
+            }
+        }
+        add_sums(simd, h, &sums, part);
+    }
+}
+
+/// Both at once, so that entries of x are loaded once for two products.
+#[inline(always)]
+fn add_products<S: Simd>(simd: S, h: &mut [Block; 2], x: &[Row], y: &[Row], z: &[Row]) {
+    let parts = parts::<S>();
+    if parts > 1 {
+        // Too few registers for that.
+        add_product(simd, &mut h[0], x, y);
+        add_product(simd, &mut h[1], x, z);
+        return;
+    }
+    let mut sums = [[simd.splat_f64s(0.0); WIDTH]; 2];
+    for ((x, y), z) in x.iter().zip(registers::<S>(y)).zip(registers::<S>(z)) {
+        for i in 0..WIDTH {
+            let factor = simd.splat_f64s(x[i]);
+            sums[0][i] = simd.mul_add_f64s(factor, *y, sums[0][i]);
+            sums[1][i] = simd.mul_add_f64s(factor, *z, sums[1][i]);
+        }
+    }
+    add_sums(simd, &mut h[0], &sums[0], 0);
+    add_sums(simd, &mut h[1], &sums[1], 0);
+}
+
+#[inline(always)]
+fn add_sums<S: Simd>(simd: S, h: &mut Block, sums: &[S::f64s; WIDTH], part: usize) {
+    for (row, sum) in registers_mut::<S>(h).chunks_exact_mut(parts::<S>()).zip(sums) {
+        row[part] = simd.add_f64s(row[part], *sum);
+    }
+}
+
+/// In every run, in the order given: panel `to` -= panel `from` times the block for each (to, from, block), or panel `to` is multiplied by one minus the block if
+/// both are the same.
+pub(super) fn subtract_products(panels: &mut [&mut Panel], steps: &[(usize, usize, Block)]) {
+    let runs = panels.first().map_or(0, |panel| panel.len());
+    Arch::new().dispatch(Subtraction { panels, steps, runs });
+}
+
+struct Subtraction<'a, 'b> {
+    panels: &'a mut [&'b mut Panel],
+    steps: &'a [(usize, usize, Block)],
+    runs: usize,
+}
+
+impl WithSimd for Subtraction<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        for run in 0..self.runs {
+            for (to, from, block) in self.steps {
+                if to == from {
+                    // Rows are read before they are written.
+                    for rows in self.panels[*to][run].as_chunks_mut::<8>().0 {
+                        let x = *rows;
+                        subtract_product(simd, rows, &x, block);
+                    }
+                } else if let Ok([y, x]) = self.panels.get_disjoint_mut([*to, *from]) {
+                    for (y, x) in y[run].as_chunks_mut::<8>().0.iter_mut().zip(x[run].as_chunks::<8>().0) {
+                        subtract_product(simd, y, x, block);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// y -= x h for eight rows, so that products do not wait for each other.
+#[inline(always)]
+fn subtract_product<S: Simd>(simd: S, y: &mut [Row; 8], x: &[Row; 8], h: &Block) {
+    let parts = parts::<S>();
+    let (y, h) = (registers_mut::<S>(y), registers::<S>(h));
+    for part in 0..parts {
+        let mut rows: [S::f64s; 8] = std::array::from_fn(|r| y[r * parts + part]);
+        for i in 0..WIDTH {
+            for r in 0..8 {
+                rows[r] = simd.negate_mul_add_f64s(simd.splat_f64s(x[r][i]), h[i * parts + part], rows[r]);
+            }
+        }
+        for r in 0..8 {
+            y[r * parts + part] = rows[r];
+        }
+    }
+}
