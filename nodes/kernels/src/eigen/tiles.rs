@@ -2,7 +2,8 @@
 //! summed in the same order whatever the width of a register.
 
 use super::panel::{Block, Row, WIDTH, ZERO};
-use super::pool::Panel;
+use super::pool::{Panel, RUN};
+use faer::MatRef;
 use pulp::{Arch, Simd, WithSimd};
 use std::ops::Range;
 
@@ -183,4 +184,109 @@ fn subtract_product<S: Simd>(simd: S, y: &mut [Row; 8], x: &[Row; 8], h: &Block)
             y[r * parts + part] = rows[r];
         }
     }
+}
+
+/// Rows that are multiplied at once, and columns of the factor: as many products as registers hold, with few loads for each.
+const TILE: usize = 8;
+const SLAB: usize = 3;
+
+/// Rows of all panels that stay in the second-level cache while the factor goes by.
+const PIECE: usize = 64;
+
+/// Puts V c in place of the first panels of V; c has eight rows per panel, and panels of columns.
+pub(super) fn replace_by_product(panels: &mut [&mut Panel], c: MatRef<'_, f64>) {
+    let slab = |first: usize| {
+        let columns = (c.ncols() / WIDTH - first).min(SLAB);
+        let row = |k: usize, p: usize| std::array::from_fn(|q| c[(k, (first + p) * WIDTH + q)]);
+        (0..c.nrows()).flat_map(|k| (0..columns).map(move |p| (k, p))).map(|(k, p)| row(k, p)).collect()
+    };
+    let slabs: Vec<Vec<Row>> = (0..c.ncols() / WIDTH).step_by(SLAB).map(slab).collect();
+    Arch::new().dispatch(Replacement { panels, slabs: &slabs });
+}
+
+struct Replacement<'a, 'b> {
+    panels: &'a mut [&'b mut Panel],
+    /// Up to three panels of columns each, row by row.
+    slabs: &'a [Vec<Row>],
+}
+
+impl WithSimd for Replacement<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let (count, runs) = (self.panels.len(), self.panels.first().map_or(0, |panel| panel.len()));
+        let mut rows = vec![[[0.0; WIDTH]; TILE]; count * PIECE / TILE];
+        for (run, begin) in (0..runs).flat_map(|run| (0..RUN).step_by(PIECE).map(move |begin| (run, begin))) {
+            for (p, panel) in self.panels.iter().enumerate() {
+                for (g, tile) in panel[run][begin..begin + PIECE].as_chunks().0.iter().enumerate() {
+                    rows[g * count + p] = *tile;
+                }
+            }
+            for (target, slab) in self.panels.chunks_mut(SLAB).zip(self.slabs) {
+                for (g, x) in rows.chunks_exact(count).enumerate() {
+                    let at = begin + g * TILE..begin + (g + 1) * TILE;
+                    match slab.len() / (WIDTH * count) {
+                        3 => multiply::<S, 3>(simd, x, slab, target, run, at),
+                        2 => multiply::<S, 2>(simd, x, slab, target, run, at),
+                        _ => multiply::<S, 1>(simd, x, slab, target, run, at),
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Eight rows of C panels of the product.
+#[inline(always)]
+fn multiply<S: Simd, const C: usize>(
+    simd: S,
+    x: &[[Row; TILE]],
+    slab: &[Row],
+    target: &mut [&mut Panel],
+    run: usize,
+    at: Range<usize>,
+) {
+    let parts = parts::<S>();
+    let factors = slab.as_chunks::<C>().0;
+    let mut store = |first: usize, part: usize, sums: &[[S::f64s; C]]| {
+        for (r, row) in sums.iter().enumerate() {
+            for (panel, sum) in target.iter_mut().zip(row) {
+                registers_mut::<S>(&mut panel[run][at.start + first + r..][..1])[part] = *sum;
+            }
+        }
+    };
+    if parts == 1 {
+        store(0, 0, &tile::<S, TILE, C>(simd, x, factors, 0, 0));
+        return;
+    }
+    // Fewer and shorter registers.
+    for (first, part) in [0, TILE / 2].into_iter().flat_map(|first| (0..parts).map(move |part| (first, part))) {
+        store(first, part, &tile::<S, { TILE / 2 }, C>(simd, x, factors, first, part));
+    }
+}
+
+/// Products of R rows with one register of each of C panels.
+#[inline(always)]
+fn tile<S: Simd, const R: usize, const C: usize>(
+    simd: S,
+    x: &[[Row; TILE]],
+    factors: &[[Row; C]],
+    first: usize,
+    part: usize,
+) -> [[S::f64s; C]; R] {
+    let parts = parts::<S>();
+    let mut sums = [[simd.splat_f64s(0.0); C]; R];
+    for (rows, factors) in x.iter().zip(factors.as_chunks::<WIDTH>().0) {
+        for i in 0..WIDTH {
+            let factors = registers::<S>(&factors[i]);
+            for r in 0..R {
+                let entry = simd.splat_f64s(rows[first + r][i]);
+                for c in 0..C {
+                    sums[r][c] = simd.mul_add_f64s(entry, factors[c * parts + part], sums[r][c]);
+                }
+            }
+        }
+    }
+    sums
 }
