@@ -290,3 +290,78 @@ fn tile<S: Simd, const R: usize, const C: usize>(
     }
     sums
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+    use faer::Mat;
+
+    const RUNS: usize = 2;
+
+    fn random_panels(count: usize) -> Vec<Vec<[Row; RUN]>> {
+        let mut random = Random::from_state(11);
+        let mut row = || std::array::from_fn(|_| random.signed());
+        (0..count).map(|_| (0..RUNS).map(|_| std::array::from_fn(|_| row())).collect()).collect()
+    }
+
+    /// Column by column.
+    fn dense(panels: &[Vec<[Row; RUN]>]) -> Mat<f64> {
+        let entry = |i: usize, j: usize| panels[j / WIDTH][i / RUN][i % RUN][j % WIDTH];
+        Mat::from_fn(RUNS * RUN, panels.len() * WIDTH, entry)
+    }
+
+    fn distance(a: &Mat<f64>, b: &Mat<f64>) -> f64 {
+        (a - b).norm_max()
+    }
+
+    #[test]
+    fn a_gram_matrix_in_two_parts_is_that_of_faer() {
+        for count in [1, 2, GROUP + 3] {
+            let panels = random_panels(count);
+            let views: Vec<&Panel> = panels.iter().map(Vec::as_slice).collect();
+            let mut parts = [Triangle::zeros(count), Triangle::zeros(count)];
+            parts[0].add_gram(&views, 0..1);
+            parts[1].add_gram(&views, 1..RUNS);
+            let [mut sum, part] = parts;
+            sum.add(&part);
+            let y = dense(&panels);
+            let found = Mat::from_fn(y.ncols(), y.ncols(), |i, j| sum.get(i, j));
+            assert!(distance(&found, &(y.transpose() * &y)) < 1e-12);
+        }
+    }
+
+    #[test]
+    fn products_are_subtracted_downwards_from_what_was() {
+        let mut panels = random_panels(4);
+        let before = dense(&panels);
+        let mut random = Random::from_state(5);
+        let mut steps = Vec::new();
+        let mut factors = Mat::<f64>::identity(4 * WIDTH, 4 * WIDTH);
+        for (to, from) in [(3, 3), (3, 1), (2, 1), (1, 1), (1, 0)] {
+            let block: Block = std::array::from_fn(|_| std::array::from_fn(|_| random.signed()));
+            for (i, row) in block.iter().enumerate() {
+                for (j, x) in row.iter().enumerate() {
+                    factors[(from * WIDTH + i, to * WIDTH + j)] -= x;
+                }
+            }
+            steps.push((to, from, block));
+        }
+        let mut views: Vec<&mut Panel> = panels.iter_mut().map(Vec::as_mut_slice).collect();
+        subtract_products(&mut views, &steps);
+        assert!(distance(&dense(&panels), &(before * factors)) < 1e-12);
+    }
+
+    #[test]
+    fn the_product_takes_the_place_of_the_first_panels() {
+        for (count, columns) in [(9, 5), (4, 3), (3, 1), (2, 2)] {
+            let mut panels = random_panels(count);
+            let before = dense(&panels);
+            let mut random = Random::from_state(6);
+            let c = Mat::from_fn(count * WIDTH, columns * WIDTH, |_, _| random.signed());
+            let mut views: Vec<&mut Panel> = panels.iter_mut().map(Vec::as_mut_slice).collect();
+            replace_by_product(&mut views, c.as_ref());
+            assert!(distance(&dense(&panels[..columns]), &(before * c)) < 1e-12);
+        }
+    }
+}
