@@ -100,7 +100,7 @@ impl Problem<'_> {
 }
 
 /// What one pass over the matrix sums up, with r = A y - mu y for the guess mu.
-#[derive(Default)]
+#[derive(Default, PartialEq)]
 struct Sums {
     /// y' y.
     norm: Row,
@@ -255,5 +255,15 @@ mod tests {
             assert!((strict.rounding[q] / (f64::EPSILON * norm) - 1.0).abs() < 1e-12);
             assert!(strict.is_fine(q, 1e-300));
         }
+    }
+
+    #[test]
+    fn the_width_of_registers_changes_no_bit() {
+        let (stiffness, mass) = ring();
+        let problem = Problem::new(&stiffness, &mass).expect("a Laplacian");
+        let (v, guesses) = noisy(&problem, 1e-6);
+        let pass = || Pass { problem: &problem, v: &v, guesses: &guesses };
+        let native = Arch::new().dispatch(pass());
+        assert!(pass().with_simd(pulp::Scalar) == native && pass().with_simd(pulp::Scalar256b) == native);
     }
 }

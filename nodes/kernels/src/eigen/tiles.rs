@@ -364,4 +364,26 @@ mod tests {
             assert!(distance(&dense(&panels[..columns]), &(before * c)) < 1e-12);
         }
     }
+
+    #[test]
+    fn the_width_of_registers_changes_no_bit() {
+        fn results<S: Simd>(simd: S) -> (Vec<Block>, Vec<Vec<[Row; RUN]>>) {
+            let mut panels = random_panels(5);
+            let views: Vec<&Panel> = panels.iter().map(Vec::as_slice).collect();
+            let mut sums = Triangle::zeros(5).0;
+            Gram { panels: &views, runs: 0..RUNS, sums: &mut sums }.with_simd(simd);
+            let block = sums[3].map(|row| row.map(|x| 0.01 * x));
+            let slabs = [3, 1].map(|columns| (0..5 * WIDTH * columns).map(|i| panels[1][0][i]).collect());
+            let mut views: Vec<&mut Panel> = panels.iter_mut().map(Vec::as_mut_slice).collect();
+            Subtraction { panels: &mut views, steps: &[(4, 4, block), (4, 2, block)], runs: RUNS }.with_simd(simd);
+            Replacement { panels: &mut views, slabs: &slabs }.with_simd(simd);
+            (sums, panels)
+        }
+        let widest = results(pulp::Scalar512b);
+        assert!(results(pulp::Scalar256b) == widest && results(pulp::Scalar) == widest);
+        let mut sums = Triangle::zeros(5);
+        let panels = random_panels(5);
+        sums.add_gram(&panels.iter().map(Vec::as_slice).collect::<Vec<_>>(), 0..RUNS);
+        assert!(sums.0 == widest.0);
+    }
 }
