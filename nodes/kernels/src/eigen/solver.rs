@@ -44,7 +44,7 @@ pub(crate) fn solve(
         factorizer: &factorizer,
         order: &order,
         null: &null,
-        pool: &Pool::new(problem.n(), staying(problem.n(), k)),
+        pool: &Pool::new(problem.n(), staying(problem.n(), k.saturating_sub(null.count))),
         k,
         options,
         hooks,
@@ -55,8 +55,8 @@ pub(crate) fn solve(
 }
 
 /// About how many vectors stay of a slice's basis: windows differ a little, and slices overlap.
-fn staying(n: usize, k: usize) -> usize {
-    let share = k / slice_count(n, k);
+fn staying(n: usize, wanted: usize) -> usize {
+    let share = wanted / slice_count(n, wanted);
     share + share / 16 + WIDTH
 }
 
