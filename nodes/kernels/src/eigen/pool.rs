@@ -192,21 +192,22 @@ impl<'a> Panels<'a> {
     }
 
     /// Moves panels out of lent memory.
-    pub fn settle(self) -> Result<Self, EigenError> {
-        if self.chunks.iter().all(|chunk| matches!(chunk, Chunk::Own(_))) {
-            return Ok(self);
-        }
-        let mut own = Self::new(self.pool);
-        for panel in self.all() {
-            while own.count == own.capacity() {
-                own.chunks.push(self.pool.own_chunk(CHUNK)?);
+    pub fn settle(mut self) -> Result<Self, EigenError> {
+        let own = self.chunks.iter().position(|chunk| matches!(chunk, Chunk::Lent(_)));
+        let rest = self.chunks.split_off(own.unwrap_or(self.chunks.len()));
+        let left = self.count.saturating_sub(self.capacity());
+        self.count -= left;
+        for panel in rest.iter().flat_map(|chunk| chunk.panels(self.pool.runs)).take(left) {
+            if self.count == self.capacity() {
+                self.chunks.push(self.pool.own_chunk(CHUNK)?);
             }
-            own.count += 1;
-            if let Some((_, target)) = own.split() {
+            self.count += 1;
+            if let Some((_, target)) = self.split() {
                 target.copy_from_slice(panel);
             }
         }
-        Ok(own)
+        self.pool.give_back(rest);
+        Ok(self)
     }
 }
 

@@ -39,12 +39,13 @@ pub(crate) fn solve(
     let factorizer = Factorizer::new(problem)?;
     let order = factorizer.order();
     let null = problem.null(&order);
+    let wanted = k.saturating_sub(null.count);
     let solver = Solver {
         problem,
         factorizer: &factorizer,
         order: &order,
         null: &null,
-        pool: &Pool::new(problem.n(), staying(problem.n(), k.saturating_sub(null.count))),
+        pool: &Pool::new(problem.n(), wanted / slice_count(problem.n(), wanted)),
         k,
         options,
         hooks,
@@ -52,12 +53,6 @@ pub(crate) fn solve(
     let found = solver.attempts()?;
     hooks.progress(1.0);
     Ok(found)
-}
-
-/// About how many vectors stay of a slice's basis: windows differ a little, and slices overlap.
-fn staying(n: usize, wanted: usize) -> usize {
-    let share = wanted / slice_count(n, wanted);
-    share + share / 16 + WIDTH
 }
 
 /// Keeps progress from falling back when a further attempt begins.
