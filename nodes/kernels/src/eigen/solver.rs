@@ -148,7 +148,9 @@ impl<'a> Solver<'a> {
             options: self.options,
             hooks: self.hooks,
         };
-        self.pool.lend(vec![0.0; self.problem.n() * self.k]);
+        // An attempt that failed has left it there.
+        let memory = self.pool.take_back().unwrap_or_else(|| vec![0.0; self.problem.n() * self.k]);
+        self.pool.lend(memory);
         self.certified(union(&spectrum, attempt)?, Method::Lanczos, attempt.number + 1)
     }
 
