@@ -8,10 +8,10 @@ use super::panel::{
     Block, Row, Rows, WIDTH, ZERO, add_gram, multiply_right, norm, product, subtract_multiple, subtract_product,
 };
 use super::pool::{Panel, Panels, Pool, RUN, runs, runs_mut};
+use super::tiles::replace_by_product;
 use crate::random::Random;
 use crate::simd::vectorised;
-use faer::linalg::matmul::matmul;
-use faer::{Accum, MatMut, MatRef, Par};
+use faer::MatRef;
 use std::hint::black_box;
 
 /// Panels that are looked at together.
@@ -342,24 +342,8 @@ impl<'a> Basis<'a> {
 
     /// V c, in place of the first panels; c has eight rows per panel, and panels of columns.
     pub fn combine(mut self, c: MatRef<'_, f64>) -> Panels<'a> {
-        let (m, columns) = (c.nrows(), c.ncols());
-        let (mut rows, mut products) = (vec![0.0; RUN * m], vec![0.0; RUN * columns]);
-        for run in 0..runs(&self.work).len() {
-            for (p, panel) in self.panels.all().iter().enumerate() {
-                for (row, x) in rows.chunks_exact_mut(m).zip(&panel[run]) {
-                    row[p * WIDTH..(p + 1) * WIDTH].copy_from_slice(x);
-                }
-            }
-            let left = MatRef::from_row_major_slice(&rows, RUN, m);
-            let target = MatMut::from_row_major_slice_mut(&mut products, RUN, columns);
-            matmul(target, Accum::Replace, left, c, 1.0, Par::Seq);
-            for (p, panel) in self.panels.all_mut().into_iter().take(columns / WIDTH).enumerate() {
-                for (x, row) in panel[run].iter_mut().zip(products.chunks_exact(columns)) {
-                    x.copy_from_slice(&row[p * WIDTH..(p + 1) * WIDTH]);
-                }
-            }
-        }
-        self.panels.truncate(columns / WIDTH);
+        replace_by_product(&mut self.panels.all_mut(), c);
+        self.panels.truncate(c.ncols() / WIDTH);
         self.panels
     }
 }

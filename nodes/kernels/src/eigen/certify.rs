@@ -3,7 +3,7 @@
 use super::basis::Null;
 use super::gauge::is_turned;
 use super::packed::Packed;
-use super::panel::{Row, WIDTH};
+use super::panel::{Row, Rows, WIDTH};
 use super::pool::{Panel, RUN};
 use super::problem::Problem;
 use super::quality::Quality;
@@ -28,7 +28,7 @@ pub(super) struct Columns<'a> {
     hooks: &'a dyn Hooks,
     /// The diagonal of R^-1.
     scale: Vec<f64>,
-    spare: Spare<Row>,
+    spare: Spare<Rows>,
 }
 
 /// What examining all pairs found.
@@ -68,13 +68,15 @@ impl<'a> Columns<'a> {
         let mut results: Vec<Quality> = Vec::with_capacity(guesses.len());
         for store in vectors.into_stores() {
             let (begin, panels) = (results.len(), store.all());
-            results.extend(self.map(panels.len(), &|p| {
-                let v = self.by_vertex(panels[p]);
-                let quality = self.problem.examine(&v, &guesses[begin + p], tolerance);
-                self.write(&v, &quality, &mut slots[begin + p].lock().unwrap_or_else(PoisonError::into_inner));
-                self.spare.give(v);
-                quality
-            })?);
+            let examined = self.map(panels.len(), &|p| {
+                let memory = self.by_vertex(panels[p])?;
+                let v = memory.as_slice();
+                let quality = self.problem.examine(v, &guesses[begin + p], tolerance);
+                self.write(v, &quality, &mut slots[begin + p].lock().unwrap_or_else(PoisonError::into_inner));
+                self.spare.give(memory);
+                Ok(quality)
+            })?;
+            results.extend(examined.into_iter().collect::<Result<Vec<_>, EigenError>>()?);
             // Memory is short while results are written.
             store.release();
         }
@@ -84,11 +86,12 @@ impl<'a> Columns<'a> {
         Ok(findings)
     }
 
-    /// A panel of R^-1 y by vertex.
-    fn by_vertex(&self, panel: &Panel) -> Vec<Row> {
-        let mut v = self.spare.take(self.order.len());
-        by_vertex(panel, self.order, &self.scale, &mut v);
-        v
+    /// A panel of R^-1 y by vertex, in memory whose rows are aligned to cache lines.
+    fn by_vertex(&self, panel: &Panel) -> Result<Rows, EigenError> {
+        let fresh = || Rows::zeroed(self.order.len()).map_err(|_| EigenError::Memory);
+        let mut memory = self.spare.take().map_or_else(fresh, Ok)?;
+        by_vertex(panel, self.order, &self.scale, memory.as_mut_slice());
+        Ok(memory)
     }
 
     /// Columns of R^-1 y as eigenvectors of the original problem.
@@ -119,11 +122,12 @@ impl<'a> Columns<'a> {
     ) -> Result<(), EigenError> {
         let mut at_hand = None;
         for p in 0..vectors.panels().len() {
-            let v = self.by_vertex(vectors.panels()[p]);
-            let quality = self.problem.examine(&v, &vectors.values()[p], tolerance);
+            let memory = self.by_vertex(vectors.panels()[p])?;
+            let v = memory.as_slice();
+            let quality = self.problem.examine(v, &vectors.values()[p], tolerance);
             let counts = vectors.counts(p);
             if (0..WIDTH).all(|q| !counts[q] || quality.is_fine(q, tolerance)) {
-                self.spare.give(v);
+                self.spare.give(memory);
                 break;
             }
             let factor = match &mut at_hand {
@@ -131,8 +135,8 @@ impl<'a> Columns<'a> {
                 none => none.insert(factor()?),
             };
             enter(self.hooks, Phase::Certify)?;
-            let mut correction = self.problem.residual_rows(&quality.values, &v, self.order);
-            self.spare.give(v);
+            let mut correction = self.problem.residual_rows(&quality.values, v, self.order);
+            self.spare.give(memory);
             factor.solve(&mut correction);
             vectors.correct(p, &correction, &quality.values);
         }
@@ -310,6 +314,47 @@ mod tests {
             [[a, b, c], [a, c, d]]
         });
         (points.collect(), faces.collect())
+    }
+
+    #[test]
+    fn columns_are_permuted_in_place() {
+        for order in [vec![0, 1, 2, 3, 4], vec![3, 0, 1, 2, 4], vec![1, 0, 4, 2, 3]] {
+            let mut columns: Vec<f64> = (0..15).map(|i| f64::from(i / 3)).collect();
+            permute(&mut columns, 3, &order);
+            let found: Vec<usize> = columns.iter().step_by(3).map(|x| *x as usize).collect();
+            assert_eq!(found, order);
+        }
+    }
+
+    #[test]
+    fn products_are_removed_and_what_is_left_is_known() {
+        let (vertices, faces) = rectangle();
+        let operator = laplacian(&vertices, &faces, Area::Mixed, false).expect("a plane mesh");
+        let exact = eigenpairs(&operator, 31, &Options::default(), &()).expect("certified");
+        let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
+        let factorizer = Factorizer::new(&problem).expect("small");
+        let (order, n) = (factorizer.order(), vertices.len());
+        let (null, pool) = (problem.null(&order), Pool::new(n, 30));
+        let columns = Columns::new(&problem, &null, &order, &());
+        // Some of the later vectors hold a little of an earlier one; 1e-4 is too much for terms of first order.
+        for (share, bound) in [(1e-8, 2e-11), (1e-4, 2e-11)] {
+            let y = |vertex: usize, j: usize| exact.vectors[(j + 1) * n + vertex] * operator.mass[vertex].sqrt();
+            let entry = |i: usize, j: usize| {
+                let vertex = order[i] as usize;
+                let mixed = if j % 3 == 2 { y(vertex, j / 2) } else { 0.0 };
+                y(vertex, j) + share * mixed
+            };
+            let mut vectors = Vectors::with(&pool, n, &[1.0; 30], entry).expect("small");
+            let gram = |vectors: &Vectors<'_>| {
+                let gram = columns.gram(&vectors.panels()).expect("not cancelled");
+                let error = |i: usize, j: usize| (gram.get(i, j) - f64::from(u8::from(i == j))).abs();
+                (0..30).flat_map(|i| (0..30).map(move |j| (i, j))).map(|(i, j)| error(i, j)).fold(0.0, f64::max)
+            };
+            assert!(gram(&vectors) > 0.9 * share);
+            let known = columns.orthogonalise(&mut vectors).expect("not cancelled");
+            let measured = gram(&vectors);
+            assert!(measured <= known + 1e-14 && known < bound, "{share}: {measured:e} {known:e}");
+        }
     }
 
     #[test]

@@ -23,7 +23,7 @@ pub(super) struct Factorizer {
     symbolic: SymbolicCholesky<usize>,
     area: f64,
     /// Memory of factors.
-    spare: Arc<Spare<f64>>,
+    spare: Arc<Spare<Vec<f64>>>,
 }
 
 impl Factorizer {
@@ -77,7 +77,8 @@ impl Factorizer {
             entries[d] -= shift;
         }
         let matrix = SparseColMatRef::new(self.pattern.as_ref(), &entries);
-        let mut values = self.spare.take(self.symbolic.len_val());
+        // All of one length, and of any content: the factorisation clears it.
+        let mut values = self.spare.take().unwrap_or_else(|| vec![0.0; self.symbolic.len_val()]);
         let scratch = self.symbolic.factorize_numeric_ldlt_scratch::<f64>(Par::Seq, Spec::default());
         let mut memory = MemBuffer::try_new(scratch).ok()?;
         let stack = MemStack::new(&mut memory);

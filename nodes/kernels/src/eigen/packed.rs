@@ -17,7 +17,7 @@ pub(crate) struct Packed {
     /// Per supernode: its unit lower triangle as a full square, then the rows below, row by row.
     values: Vec<f64>,
     inverse_pivots: Vec<f64>,
-    spare: Arc<Spare<f64>>,
+    spare: Arc<Spare<Vec<f64>>>,
 }
 
 impl Drop for Packed {
@@ -28,7 +28,11 @@ impl Drop for Packed {
 
 impl Packed {
     /// Takes over the values of a factor, whose supernodes lie column by column. They go to `spare` in the end.
-    pub fn new(symbolic: &SymbolicSupernodalCholesky<usize>, mut values: Vec<f64>, spare: &Arc<Spare<f64>>) -> Self {
+    pub fn new(
+        symbolic: &SymbolicSupernodalCholesky<usize>,
+        mut values: Vec<f64>,
+        spare: &Arc<Spare<Vec<f64>>>,
+    ) -> Self {
         let (mut columns, mut row_starts, mut rows) = (Vec::new(), vec![0], Vec::new());
         let mut inverse_pivots = Vec::with_capacity(symbolic.nrows());
         let value_starts = symbolic.col_ptr_for_val().to_vec();
@@ -56,7 +60,7 @@ impl Packed {
     }
 
     /// The same of a factor without supernodes, which small or very sparse matrices have: each column its pivot, then the entries below.
-    pub fn of_columns(starts: &[usize], rows: &[usize], values: Vec<f64>, spare: &Arc<Spare<f64>>) -> Self {
+    pub fn of_columns(starts: &[usize], rows: &[usize], values: Vec<f64>, spare: &Arc<Spare<Vec<f64>>>) -> Self {
         let n = starts.len() - 1;
         let mut packed = Self {
             columns: (0..=n as u32).collect(),

@@ -2,8 +2,8 @@
 
 use super::EigenError;
 use super::panel::{Row, Rows, WIDTH};
+use super::spare::Spare;
 use std::slice::{ChunksExact, ChunksExactMut};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Vertices per run: a panel of it is 16 KiB, a third of a first-level cache.
 pub(super) const RUN: usize = 256;
@@ -17,8 +17,8 @@ pub(super) type Panel = [[Row; RUN]];
 /// Memory of bases that are done with, for those to come, and memory that is lent to them: fresh pages are dear.
 pub(super) struct Pool {
     runs: usize,
-    free: Mutex<Vec<Rows>>,
-    lent: Mutex<Option<Vec<f64>>>,
+    free: Spare<Rows>,
+    lent: Spare<Vec<f64>>,
     /// Panels of a basis that Ritz vectors will replace; those after them may lie in lent memory.
     staying: usize,
 }
@@ -26,23 +26,23 @@ pub(super) struct Pool {
 impl Pool {
     /// Panels of n rows for bases of which about so many vectors will stay.
     pub fn new(n: usize, staying: usize) -> Self {
-        let (free, lent) = (Mutex::new(Vec::new()), Mutex::new(None));
+        let (free, lent) = (Spare::new(), Spare::new());
         Self { runs: n.div_ceil(RUN), free, lent, staying: staying.div_ceil(WIDTH) }
     }
 
     /// Lends memory that is needed only when bases are gone, with any content.
     pub fn lend(&self, memory: Vec<f64>) {
-        *lock(&self.lent) = Some(memory);
+        self.lent.give(memory);
     }
 
     /// What was lent, if no panel is in it any more.
     pub fn take_back(&self) -> Option<Vec<f64>> {
-        lock(&self.lent).take()
+        self.lent.take()
     }
 
     /// Gives what is free back to the system.
     pub fn clear(&self) {
-        lock(&self.free).clear();
+        self.free.clear();
     }
 
     /// New zeroed panels.
@@ -53,7 +53,7 @@ impl Pool {
     /// More room for a sequence of so many panels.
     fn chunk(&self, count: usize) -> Result<Chunk, EigenError> {
         if count >= self.staying
-            && let Some(memory) = lock(&self.lent).take()
+            && let Some(memory) = self.lent.take()
         {
             return Ok(Chunk::Lent(memory));
         }
@@ -61,22 +61,18 @@ impl Pool {
     }
 
     fn own_chunk(&self, panels: usize) -> Result<Chunk, EigenError> {
-        let free = lock(&self.free).pop();
+        let free = self.free.take();
         Ok(Chunk::Own(free.map_or_else(|| self.panels(panels), Ok)?))
     }
 
     fn give_back(&self, chunks: impl IntoIterator<Item = Chunk>) {
         for chunk in chunks {
             match chunk {
-                Chunk::Own(rows) => lock(&self.free).push(rows),
-                Chunk::Lent(memory) => *lock(&self.lent) = Some(memory),
+                Chunk::Own(rows) => self.free.give(rows),
+                Chunk::Lent(memory) => self.lent.give(memory),
             }
         }
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Some panels, one after the other.
@@ -196,21 +192,22 @@ impl<'a> Panels<'a> {
     }
 
     /// Moves panels out of lent memory.
-    pub fn settle(self) -> Result<Self, EigenError> {
-        if self.chunks.iter().all(|chunk| matches!(chunk, Chunk::Own(_))) {
-            return Ok(self);
-        }
-        let mut own = Self::new(self.pool);
-        for panel in self.all() {
-            while own.count == own.capacity() {
-                own.chunks.push(self.pool.own_chunk(CHUNK)?);
+    pub fn settle(mut self) -> Result<Self, EigenError> {
+        let own = self.chunks.iter().position(|chunk| matches!(chunk, Chunk::Lent(_)));
+        let rest = self.chunks.split_off(own.unwrap_or(self.chunks.len()));
+        let left = self.count.saturating_sub(self.capacity());
+        self.count -= left;
+        for panel in rest.iter().flat_map(|chunk| chunk.panels(self.pool.runs)).take(left) {
+            if self.count == self.capacity() {
+                self.chunks.push(self.pool.own_chunk(CHUNK)?);
             }
-            own.count += 1;
-            if let Some((_, target)) = own.split() {
+            self.count += 1;
+            if let Some((_, target)) = self.split() {
                 target.copy_from_slice(panel);
             }
         }
-        Ok(own)
+        self.pool.give_back(rest);
+        Ok(self)
     }
 }
 
@@ -230,6 +227,12 @@ mod tests {
         panels
     }
 
+    /// Whether the lent memory is in no panel's use.
+    fn is_at_hand(pool: &Pool) -> bool {
+        let memory = pool.take_back();
+        memory.map(|memory| pool.lend(memory)).is_some()
+    }
+
     fn hold(panels: &Panels<'_>, count: usize) -> bool {
         let all = panels.all();
         let constant = |(p, panel): (usize, &&Panel)| {
@@ -245,15 +248,15 @@ mod tests {
         pool.lend(vec![-1.0; 5 * 3 * RUN * WIDTH + 40]);
         {
             let mut panels = grown(&pool, 3 * CHUNK);
-            assert!(hold(&panels, 3 * CHUNK) && lock(&pool.lent).is_none());
+            assert!(hold(&panels, 3 * CHUNK) && !is_at_hand(&pool));
             panels.truncate(CHUNK + 1);
             let panels = panels.settle().expect("small");
-            assert!(hold(&panels, CHUNK + 1) && lock(&pool.lent).is_some());
+            assert!(hold(&panels, CHUNK + 1) && is_at_hand(&pool));
             // A second sequence takes up what the first gave back.
             let mut second = grown(&pool, 2 * CHUNK);
-            assert!(hold(&second, 2 * CHUNK) && hold(&panels, CHUNK + 1) && lock(&pool.lent).is_none());
+            assert!(hold(&second, 2 * CHUNK) && hold(&panels, CHUNK + 1) && !is_at_hand(&pool));
             second.truncate(CHUNK);
-            assert!(hold(&second, CHUNK) && lock(&pool.lent).is_some());
+            assert!(hold(&second, CHUNK) && is_at_hand(&pool));
         }
         assert_eq!(pool.take_back().map(|memory| memory.len()), Some(5 * 3 * RUN * WIDTH + 40));
         assert!(pool.take_back().is_none());

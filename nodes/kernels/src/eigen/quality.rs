@@ -100,7 +100,7 @@ impl Problem<'_> {
 }
 
 /// What one pass over the matrix sums up, with r = A y - mu y for the guess mu.
-#[derive(Default)]
+#[derive(Default, PartialEq)]
 struct Sums {
     /// y' y.
     norm: Row,
@@ -185,5 +185,85 @@ impl Pass<'_> {
             sums[5] = simd.mul_add_f64s(square, simd.abs_f64s(x), sums[5]);
         }
         sums
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+    use crate::sparse::SymmetricCsr;
+
+    const N: u32 = 400;
+
+    /// A ring with chords of uneven weights.
+    fn ring() -> (SymmetricCsr, Vec<f64>) {
+        let mut random = Random::from_state(2);
+        let ends: Vec<(u32, u32)> = (0..N).flat_map(|i| [(i, (i + 1) % N), (i, (i + 7) % N)]).collect();
+        let weights: Vec<f64> = ends.iter().map(|_| 0.1 + random.unit()).collect();
+        let mass = (0..N).map(|_| 0.5 + random.unit()).collect();
+        (SymmetricCsr::graph_laplacian(N as usize, ends.into_iter(), &weights), mass)
+    }
+
+    /// Eight eigenvectors v = R^-1 y with noise of so much, and their eigenvalues.
+    fn noisy(problem: &Problem<'_>, noise: f64) -> (Vec<Row>, Row) {
+        let a = crate::eigen::dense::lifted(problem);
+        let (values, vectors) = crate::eigen::dense::symmetric_eigen(a.as_ref()).expect("small");
+        let mut random = Random::from_state(4);
+        let mut entry = |i: usize, q: usize| (vectors[(i, q)] + noise * random.signed()) / problem.root[i];
+        let v = (0..N as usize).map(|i| std::array::from_fn(|q| entry(i, q))).collect();
+        (v, std::array::from_fn(|q| values[q]))
+    }
+
+    #[test]
+    fn guesses_that_are_off_change_neither_values_nor_residuals() {
+        let (stiffness, mass) = ring();
+        let problem = Problem::new(&stiffness, &mass).expect("a Laplacian");
+        let order: Vec<u32> = (0..N).collect();
+        for noise in [1e-2, 1e-6, 1e-10, 0.0] {
+            let (v, exact) = noisy(&problem, noise);
+            for factor in [1.0, 1.0 + 1e-9, 1.001, 0.5, 30.0, 0.0] {
+                let quality = problem.examine(&v, &exact.map(|x| x * factor), 1e-8);
+                let rows = problem.residual_rows(&quality.values, &v, &order);
+                for q in 0..WIDTH {
+                    // Plain sums: Rayleigh quotients of M and the mass, then the norm of what is left.
+                    let square: f64 = (0..v.len()).map(|i| (problem.root[i] * v[i][q]).powi(2)).sum();
+                    let row = |i: usize| stiffness.row(i).map(|(j, m)| m * v[j][q]).sum::<f64>();
+                    let value = (0..v.len()).map(|i| v[i][q] * row(i)).sum::<f64>() / square;
+                    let residual = (rows.iter().map(|row| row[q] * row[q]).sum::<f64>() / square).sqrt();
+                    assert!((quality.values[q] - value).abs() < 1e-12 * value, "{noise} {factor} {q}");
+                    let difference = (quality.residuals[q] - residual).abs();
+                    assert!(difference < 1e-6 * residual + 1e-13 * value, "{noise} {factor} {q}: {difference:e}");
+                    assert!(quality.is_fine(q, 1e-8) == (residual <= 1e-8 * value || noise == 0.0));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn rounding_is_known_where_residuals_are_large() {
+        let (stiffness, mass) = ring();
+        let problem = Problem::new(&stiffness, &mass).expect("a Laplacian");
+        let (v, exact) = noisy(&problem, 0.0);
+        let small = problem.examine(&v, &exact, 1e-8);
+        assert!(small.rounding.iter().all(|x| x.abs() < f64::MIN_POSITIVE));
+        let strict = problem.examine(&v, &exact, 1e-300);
+        for q in 0..WIDTH {
+            let magnitude =
+                |i: usize| stiffness.row(i).map(|(j, m)| (m * v[j][q]).abs()).sum::<f64>() / problem.root[i];
+            let norm = (0..v.len()).map(|i| magnitude(i).powi(2)).sum::<f64>().sqrt();
+            assert!((strict.rounding[q] / (f64::EPSILON * norm) - 1.0).abs() < 1e-12);
+            assert!(strict.is_fine(q, 1e-300));
+        }
+    }
+
+    #[test]
+    fn the_width_of_registers_changes_no_bit() {
+        let (stiffness, mass) = ring();
+        let problem = Problem::new(&stiffness, &mass).expect("a Laplacian");
+        let (v, guesses) = noisy(&problem, 1e-6);
+        let pass = || Pass { problem: &problem, v: &v, guesses: &guesses };
+        let native = Arch::new().dispatch(pass());
+        assert!(pass().with_simd(pulp::Scalar) == native && pass().with_simd(pulp::Scalar256b) == native);
     }
 }

@@ -154,7 +154,9 @@ fn run_slice<'a>(
         restarts: attempt.restarts,
         seed: 1 + (attempt.number * 64 + i) as u64,
     };
-    lanczos(&run, spectrum.hooks, step)
+    let found = lanczos(&run, spectrum.hooks, step)?;
+    // The next slice's basis shall have what was lent.
+    Ok(Found { vectors: found.vectors.settle()?, ..found })
 }
 
 /// Joins neighbours at the lower one's cut, and counts below the uppermost cut.

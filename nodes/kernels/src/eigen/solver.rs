@@ -39,12 +39,13 @@ pub(crate) fn solve(
     let factorizer = Factorizer::new(problem)?;
     let order = factorizer.order();
     let null = problem.null(&order);
+    let wanted = k.saturating_sub(null.count);
     let solver = Solver {
         problem,
         factorizer: &factorizer,
         order: &order,
         null: &null,
-        pool: &Pool::new(problem.n(), staying(problem.n(), k)),
+        pool: &Pool::new(problem.n(), wanted / slice_count(problem.n(), wanted)),
         k,
         options,
         hooks,
@@ -52,12 +53,6 @@ pub(crate) fn solve(
     let found = solver.attempts()?;
     hooks.progress(1.0);
     Ok(found)
-}
-
-/// About how many vectors stay of a slice's basis: windows differ a little, and slices overlap.
-fn staying(n: usize, k: usize) -> usize {
-    let share = k / slice_count(n, k);
-    share + share / 16 + WIDTH
 }
 
 /// Keeps progress from falling back when a further attempt begins.
@@ -153,7 +148,9 @@ impl<'a> Solver<'a> {
             options: self.options,
             hooks: self.hooks,
         };
-        self.pool.lend(vec![0.0; self.problem.n() * self.k]);
+        // An attempt that failed has left it there.
+        let memory = self.pool.take_back().unwrap_or_else(|| vec![0.0; self.problem.n() * self.k]);
+        self.pool.lend(memory);
         self.certified(union(&spectrum, attempt)?, Method::Lanczos, attempt.number + 1)
     }
 

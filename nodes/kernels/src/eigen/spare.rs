@@ -2,23 +2,25 @@
 
 use std::sync::{Mutex, PoisonError};
 
-/// Vectors that are done with, for any thread to take up again.
-pub(super) struct Spare<T>(Mutex<Vec<Vec<T>>>);
+/// Memory that is done with, for any thread to take up again.
+pub(super) struct Spare<T>(Mutex<Vec<T>>);
 
-impl<T: Copy + Default> Spare<T> {
+impl<T> Spare<T> {
     pub fn new() -> Self {
         Self(Mutex::new(Vec::new()))
     }
 
-    /// A vector of this length with any content.
-    pub fn take(&self, len: usize) -> Vec<T> {
-        let spare = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        let Some(mut memory) = spare else { return vec![T::default(); len] };
-        memory.resize(len, T::default());
-        memory
+    /// Memory with any content, if there is any.
+    pub fn take(&self) -> Option<T> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).pop()
     }
 
-    pub fn give(&self, memory: Vec<T>) {
+    pub fn give(&self, memory: T) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).push(memory);
+    }
+
+    /// Gives all of it back to the system.
+    pub fn clear(&self) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clear();
     }
 }
