@@ -1,9 +1,10 @@
 //! A supernodal factor laid out for solves with a whole panel: rows of L contiguous, one pass over L for eight right-hand sides.
 
-use super::panel::{Row, WIDTH, subtract_multiple};
+use super::panel::Row;
 use super::spare::Spare;
-use crate::simd::vectorised;
+use super::tiles::{parts, registers_mut};
 use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
+use pulp::{Arch, Simd, WithSimd};
 use std::sync::Arc;
 
 /// L and D^-1 of an LDL' factorisation, in elimination order.
@@ -90,33 +91,23 @@ impl Packed {
 
     /// x <- (L D L')^-1 x.
     pub fn solve(&self, x: &mut [Row]) {
-        vectorised(
-            #[inline(always)]
-            || {
-                let count = self.columns.len() - 1;
-                for s in 0..count {
-                    self.forward(s, x);
-                }
-                for s in (0..count).rev() {
-                    self.backward(s, x);
-                }
-            },
-        );
+        Arch::new().dispatch(Forward { packed: self, x: &mut *x });
+        Arch::new().dispatch(Backward { packed: self, x });
     }
 
     /// The supernode's rows of x, those after it, and its parts of the factor: square, rows below, their entries.
     #[inline(always)]
-    fn split<'a>(&'a self, s: usize, x: &'a mut [Row]) -> Node<'a> {
+    fn split<'a, T>(&'a self, s: usize, parts: usize, x: &'a mut [T]) -> Node<'a, T> {
         let (begin, end) = (self.columns[s] as usize, self.columns[s + 1] as usize);
         let width = end - begin;
-        let (head, after) = x.split_at_mut(end);
+        let (head, after) = x.split_at_mut(end * parts);
         let values = &self.values[self.value_starts[s]..self.value_starts[s + 1]];
         let (square, below) = values.split_at(width * width);
         let rows = &self.rows[self.row_starts[s]..self.row_starts[s + 1]];
         Node {
             width,
             end,
-            own: &mut head[begin..],
+            own: &mut head[begin * parts..],
             after,
             square,
             below,
@@ -124,125 +115,199 @@ impl Packed {
             pivots: &self.inverse_pivots[begin..end],
         }
     }
+}
+
+/// x <- L^-1 x.
+struct Forward<'a> {
+    packed: &'a Packed,
+    x: &'a mut [Row],
+}
+
+impl WithSimd for Forward<'_> {
+    type Output = ();
 
     #[inline(always)]
-    fn forward(&self, s: usize, x: &mut [Row]) {
-        let Node { width, end, own, after, square, below, rows, .. } = self.split(s, x);
-        for i in 1..width {
-            let (done, rest) = own.split_at_mut(i);
-            let mut sum = rest[0];
-            for (l, y) in square[i * width..i * width + i].iter().zip(done.iter()) {
-                subtract_multiple(&mut sum, *l, y);
+    fn with_simd<S: Simd>(self, simd: S) {
+        let x = registers_mut::<S>(self.x);
+        for s in 0..self.packed.columns.len() - 1 {
+            let mut node = self.packed.split(s, parts::<S>(), x);
+            for part in 0..parts::<S>() {
+                node.forward(simd, part);
             }
-            rest[0] = sum;
-        }
-        let own = &*own;
-        let (rows4, rows1) = rows.as_chunks::<4>();
-        let mut entries = below;
-        for targets in rows4 {
-            let (four, rest) = entries.split_at(4 * width);
-            entries = rest;
-            let at = targets.map(|r| r as usize - end);
-            let mut sums = at.map(|r| after[r]);
-            let (l0, l1) = four.split_at(2 * width);
-            let ((l0, l1), (l2, l3)) = (l0.split_at(width), l1.split_at(width));
-            for ((((y, a), b), c), d) in own.iter().zip(l0).zip(l1).zip(l2).zip(l3) {
-                subtract_multiple(&mut sums[0], *a, y);
-                subtract_multiple(&mut sums[1], *b, y);
-                subtract_multiple(&mut sums[2], *c, y);
-                subtract_multiple(&mut sums[3], *d, y);
-            }
-            for r in 0..4 {
-                after[at[r]] = sums[r];
-            }
-        }
-        for &target in rows1 {
-            let (one, rest) = entries.split_at(width);
-            entries = rest;
-            let sum = &mut after[target as usize - end];
-            for (y, l) in own.iter().zip(one) {
-                subtract_multiple(sum, *l, y);
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn backward(&self, s: usize, x: &mut [Row]) {
-        let Node { width, end, own, after, square, below, rows, pivots } = self.split(s, x);
-        for (y, p) in own.iter_mut().zip(pivots) {
-            for q in 0..WIDTH {
-                y[q] *= p;
-            }
-        }
-        let mut begin = 0;
-        while begin < width {
-            begin += match width - begin {
-                8.. => gather::<8, 1>(own, after, end, rows, below, width, begin),
-                4.. => gather::<4, 2>(own, after, end, rows, below, width, begin),
-                2.. => gather::<2, 4>(own, after, end, rows, below, width, begin),
-                _ => gather::<1, 4>(own, after, end, rows, below, width, begin),
-            };
-        }
-        for j in (0..width).rev() {
-            let (rest, done) = own.split_at_mut(j + 1);
-            let mut sum = rest[j];
-            for (i, y) in done.iter().enumerate() {
-                subtract_multiple(&mut sum, square[(j + 1 + i) * width + j], y);
-            }
-            rest[j] = sum;
         }
     }
 }
 
-struct Node<'a> {
+/// x <- L'^-1 D^-1 x.
+struct Backward<'a> {
+    packed: &'a Packed,
+    x: &'a mut [Row],
+}
+
+impl WithSimd for Backward<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let x = registers_mut::<S>(self.x);
+        for s in (0..self.packed.columns.len() - 1).rev() {
+            let mut node = self.packed.split(s, parts::<S>(), x);
+            for part in 0..parts::<S>() {
+                node.backward(simd, part);
+            }
+        }
+    }
+}
+
+/// A supernode, and x in registers, of which a row has several where they are short.
+struct Node<'a, T> {
     width: usize,
     end: usize,
-    own: &'a mut [Row],
-    after: &'a mut [Row],
+    own: &'a mut [T],
+    after: &'a mut [T],
     square: &'a [f64],
     below: &'a [f64],
     rows: &'a [u32],
     pivots: &'a [f64],
 }
 
-/// Subtracts the rows below from C columns of a supernode at once: C products for each row loaded, U rows in flight so that sums do not wait
-/// for each other. Returns C.
-#[inline(always)]
-fn gather<const C: usize, const U: usize>(
-    own: &mut [Row],
-    after: &[Row],
-    end: usize,
-    rows: &[u32],
-    below: &[f64],
-    width: usize,
-    begin: usize,
-) -> usize {
-    let mut sums = [[[0.0; WIDTH]; C]; U];
-    let (groups, rest) = rows.as_chunks::<U>();
-    let mut entries = below;
-    for group in groups {
-        let (now, later) = entries.split_at(U * width);
-        entries = later;
-        for u in 0..U {
-            let y = &after[group[u] as usize - end];
-            let l = &now[u * width + begin..u * width + begin + C];
+impl<T: Copy> Node<'_, T> {
+    #[inline(always)]
+    fn forward<S: Simd<f64s = T>>(&mut self, simd: S, part: usize) {
+        let mut begin = 0;
+        while begin < self.width {
+            begin += match self.width - begin {
+                8.. => self.eliminate::<S, 8>(simd, part, begin),
+                4.. => self.eliminate::<S, 4>(simd, part, begin),
+                2.. => self.eliminate::<S, 2>(simd, part, begin),
+                _ => self.eliminate::<S, 1>(simd, part, begin),
+            };
+        }
+        let (fours, rest) = self.rows.as_chunks::<4>();
+        let (twos, ones) = rest.as_chunks::<2>();
+        let mut entries = self.below;
+        for rows in fours {
+            entries = self.scatter(simd, part, rows, entries);
+        }
+        for rows in twos {
+            entries = self.scatter(simd, part, rows, entries);
+        }
+        for &row in ones {
+            entries = self.scatter(simd, part, &[row], entries);
+        }
+    }
+
+    /// Solves for R rows of the triangle from `begin` on, once those before are known. Returns R.
+    #[inline(always)]
+    fn eliminate<S: Simd<f64s = T>, const R: usize>(&mut self, simd: S, part: usize, begin: usize) -> usize {
+        let (parts, width) = (parts::<S>(), self.width);
+        let l: [&[f64]; R] = std::array::from_fn(|r| &self.square[(begin + r) * width..][..begin + R]);
+        let (done, rest) = self.own.split_at_mut(begin * parts);
+        let mut sums: [T; R] = std::array::from_fn(|r| rest[r * parts + part]);
+        for (c, y) in done.chunks_exact(parts).enumerate() {
+            let y = simd.neg_f64s(y[part]);
+            for r in 0..R {
+                sums[r] = simd.mul_add_f64s(simd.splat_f64s(l[r][c]), y, sums[r]);
+            }
+        }
+        for c in 0..R {
+            let y = simd.neg_f64s(sums[c]);
+            for r in c + 1..R {
+                sums[r] = simd.mul_add_f64s(simd.splat_f64s(l[r][begin + c]), y, sums[r]);
+            }
+        }
+        for r in 0..R {
+            rest[r * parts + part] = sums[r];
+        }
+        R
+    }
+
+    /// Subtracts the columns from R rows below, in R sums that do not wait for each other. Returns the entries of the rows after those.
+    #[inline(always)]
+    fn scatter<'e, S: Simd<f64s = T>, const R: usize>(
+        &mut self,
+        simd: S,
+        part: usize,
+        rows: &[u32; R],
+        entries: &'e [f64],
+    ) -> &'e [f64] {
+        let (parts, width) = (parts::<S>(), self.width);
+        let (now, later) = entries.split_at(R * width);
+        let l: [&[f64]; R] = std::array::from_fn(|r| &now[r * width..][..width]);
+        let at = rows.map(|row| (row as usize - self.end) * parts + part);
+        let mut sums = at.map(|i| self.after[i]);
+        for (c, y) in self.own.chunks_exact(parts).enumerate().take(width) {
+            let y = simd.neg_f64s(y[part]);
+            for r in 0..R {
+                sums[r] = simd.mul_add_f64s(simd.splat_f64s(l[r][c]), y, sums[r]);
+            }
+        }
+        for r in 0..R {
+            self.after[at[r]] = sums[r];
+        }
+        later
+    }
+
+    #[inline(always)]
+    fn backward<S: Simd<f64s = T>>(&mut self, simd: S, part: usize) {
+        for (y, p) in self.own.chunks_exact_mut(parts::<S>()).zip(self.pivots) {
+            y[part] = simd.mul_f64s(y[part], simd.splat_f64s(*p));
+        }
+        let mut end = self.width;
+        while end > 0 {
+            end -= match end {
+                8.. => self.gather::<S, 8, 1>(simd, part, end),
+                4.. => self.gather::<S, 4, 2>(simd, part, end),
+                2.. => self.gather::<S, 2, 4>(simd, part, end),
+                _ => self.gather::<S, 1, 4>(simd, part, end),
+            };
+        }
+    }
+
+    /// Solves for C columns before `end`, once those after are known: C products for each row loaded, U rows in flight so that sums do not wait for
+    /// each other. Returns C.
+    #[inline(always)]
+    fn gather<S: Simd<f64s = T>, const C: usize, const U: usize>(&mut self, simd: S, part: usize, end: usize) -> usize {
+        let (parts, width, begin) = (parts::<S>(), self.width, end - C);
+        let row = |row: u32| self.after[(row as usize - self.end) * parts + part];
+        let mut sums = [[simd.splat_f64s(0.0); C]; U];
+        // From the last row to the first, as supernodes go by: memory is then read in one direction.
+        let (groups, rest) = self.rows.as_chunks::<U>();
+        let (entries, last) = self.below.split_at(groups.len() * U * width);
+        for (&r, l) in rest.iter().zip(last.chunks_exact(width)).rev() {
+            let (y, l) = (row(r), &l[begin..][..C]);
             for c in 0..C {
-                subtract_multiple(&mut sums[u][c], l[c], y);
+                sums[0][c] = simd.mul_add_f64s(simd.splat_f64s(l[c]), y, sums[0][c]);
             }
         }
-    }
-    for (&row, l) in rest.iter().zip(entries.chunks_exact(width)) {
-        let y = &after[row as usize - end];
+        for (group, now) in groups.iter().zip(entries.chunks_exact(U * width)).rev() {
+            for u in (0..U).rev() {
+                let (y, l) = (row(group[u]), &now[u * width + begin..][..C]);
+                for c in 0..C {
+                    sums[u][c] = simd.mul_add_f64s(simd.splat_f64s(l[c]), y, sums[u][c]);
+                }
+            }
+        }
+        let known = self.own[end * parts..].chunks_exact(parts).zip(self.square[end * width..].chunks_exact(width));
+        for (y, l) in known.rev() {
+            let l = &l[begin..][..C];
+            for c in 0..C {
+                sums[0][c] = simd.mul_add_f64s(simd.splat_f64s(l[c]), y[part], sums[0][c]);
+            }
+        }
+        let mut own: [T; C] = std::array::from_fn(|c| {
+            let sum = (1..U).fold(sums[0][c], |sum, u| simd.add_f64s(sum, sums[u][c]));
+            simd.sub_f64s(self.own[(begin + c) * parts + part], sum)
+        });
+        for j in (0..C).rev() {
+            let (l, y) = (&self.square[(begin + j) * width + begin..][..C], simd.neg_f64s(own[j]));
+            for c in 0..j {
+                own[c] = simd.mul_add_f64s(simd.splat_f64s(l[c]), y, own[c]);
+            }
+        }
         for c in 0..C {
-            subtract_multiple(&mut sums[0][c], l[begin + c], y);
+            self.own[(begin + c) * parts + part] = own[c];
         }
+        C
     }
-    for c in 0..C {
-        for sum in &sums {
-            for q in 0..WIDTH {
-                own[begin + c][q] += sum[c][q];
-            }
-        }
-    }
-    C
 }
