@@ -10,6 +10,7 @@
 mod bisection;
 mod factor;
 mod lanczos;
+mod memory;
 mod order;
 mod panel;
 mod problem;
@@ -174,10 +175,16 @@ fn scaled_values(
     }
     let prepared: Vec<Prepared> =
         problem::problems(operator, rim).ok_or(PatchError::Memory)?.into_iter().map(Prepared::from).collect();
-    for (seed, attempt) in [sparse::lowest::<4>, sparse::lowest::<8>].into_iter().enumerate() {
-        if let Some(values) = attempt(&prepared, count, seed as u64, hooks)? {
-            return Ok(values);
+    let found = memory::with(|memory| {
+        for (seed, attempt) in [sparse::lowest::<4>, sparse::lowest::<8>].into_iter().enumerate() {
+            if let Some(values) = attempt(&prepared, count, seed as u64, memory, hooks)? {
+                return Ok(Some(values));
+            }
         }
+        Ok::<_, PatchError>(None)
+    })?;
+    if let Some(values) = found {
+        return Ok(values);
     }
     if n > DENSE_AT_MOST {
         return Err(PatchError::NotCertified);

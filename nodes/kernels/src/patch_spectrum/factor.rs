@@ -29,45 +29,79 @@ pub(super) struct Fronts {
     /// The supernodes on the stack.
     waiting: Vec<usize>,
     multipliers: Vec<f64>,
+    pivots: Vec<f64>,
 }
 
 impl Factor {
-    /// The number of negative pivots: by Sylvester's law of inertia that of eigenvalues below the shift, zero included.
-    pub fn below(&self) -> usize {
-        self.inverse_pivots.iter().filter(|p| **p < 0.0).count()
+    /// Numbers that it has memory for.
+    pub fn capacity(&self) -> usize {
+        self.values.capacity() + self.inverse_pivots.capacity()
     }
 
-    /// Factors A - shift I; false if it breaks down.
-    pub fn compute(&mut self, symbolic: &Symbolic, problem: &Problem, shift: f64, fronts: &mut Fronts) -> bool {
+    /// Factors A - shift I; the number of eigenvalues below the shift, or `None` if it breaks down.
+    pub fn compute(
+        &mut self,
+        symbolic: &Symbolic,
+        problem: &Problem,
+        shift: f64,
+        fronts: &mut Fronts,
+    ) -> Option<usize> {
         self.values.clear();
+        self.values.reserve(symbolic.values);
+        fronts.run(symbolic, problem, shift, Some(&mut self.values))?;
         self.inverse_pivots.clear();
-        fronts.stack.clear();
-        fronts.waiting.clear();
-        fronts.front.resize(symbolic.largest / CHUNK, [0.0; CHUNK]);
-        vectorised(
-            #[inline(always)]
-            || {
-                for s in 0..symbolic.nodes.len() {
-                    let node = symbolic.nodes[s];
-                    let height = symbolic.height(s);
-                    fronts.assemble(symbolic, problem, s, shift);
-                    let from = self.inverse_pivots.len();
-                    fronts.eliminate(node.width(), height, &mut self.inverse_pivots);
-                    // Overflow shows as pivots that are not finite.
-                    if !self.inverse_pivots[from..].iter().all(|p| p.is_finite() && *p != 0.0) {
-                        return false;
-                    }
-                    fronts.keep(node.width(), height, &mut self.values);
-                    fronts.stack_rest(node.width(), height);
-                    fronts.waiting.push(s);
-                }
-                true
-            },
-        )
+        self.inverse_pivots.extend(fronts.pivots.iter().map(|p| 1.0 / p));
+        Some(fronts.negative())
     }
 }
 
 impl Fronts {
+    /// Numbers that there is memory for.
+    pub fn capacity(&self) -> usize {
+        CHUNK * self.front.capacity() + self.stack.capacity()
+    }
+
+    /// The number of eigenvalues below a shift, or `None` if its factorisation breaks down.
+    pub fn count(&mut self, symbolic: &Symbolic, problem: &Problem, shift: f64) -> Option<usize> {
+        self.run(symbolic, problem, shift, None)?;
+        Some(self.negative())
+    }
+
+    /// The number of negative pivots: by Sylvester's law of inertia that of eigenvalues below the shift, zero included.
+    fn negative(&self) -> usize {
+        self.pivots.iter().filter(|p| **p < 0.0).count()
+    }
+
+    /// All pivots, and L if there is a place for it; `None` if it breaks down.
+    fn run(
+        &mut self,
+        symbolic: &Symbolic,
+        problem: &Problem,
+        shift: f64,
+        mut values: Option<&mut Vec<f64>>,
+    ) -> Option<()> {
+        self.stack.clear();
+        self.waiting.clear();
+        self.pivots.clear();
+        self.front.resize(symbolic.largest / CHUNK, [0.0; CHUNK]);
+        vectorised(
+            #[inline(always)]
+            || {
+                for s in 0..symbolic.nodes.len() {
+                    let (width, height) = (symbolic.nodes[s].width(), symbolic.height(s));
+                    self.assemble(symbolic, problem, s, shift);
+                    self.eliminate(width, height)?;
+                    if let Some(values) = &mut values {
+                        self.keep(width, height, values);
+                    }
+                    self.stack_rest(width, height);
+                    self.waiting.push(s);
+                }
+                Some(())
+            },
+        )
+    }
+
     /// The supernode's front: its entries of the matrix, and what its children left.
     #[inline(always)]
     fn assemble(&mut self, symbolic: &Symbolic, problem: &Problem, s: usize, shift: f64) {
@@ -104,30 +138,35 @@ impl Fronts {
         }
     }
 
-    /// Eliminates the first `width` columns of a front; their pivots' reciprocals.
+    /// Eliminates the first `width` columns of a front; `None` if a pivot vanishes or overflows.
     #[inline(always)]
-    fn eliminate(&mut self, width: usize, height: usize, inverse_pivots: &mut Vec<f64>) {
+    fn eliminate(&mut self, width: usize, height: usize) -> Option<()> {
         let pitch = padded(height) / CHUNK;
         // The multiples of earlier columns that are subtracted from a column: what is left of its row, times the pivots.
-        let (first, multipliers) = (inverse_pivots.len(), &mut self.multipliers);
+        let (first, multipliers) = (self.pivots.len(), &mut self.multipliers);
         for j in 0..height {
             let known = j.min(width);
             let (done, rest) = self.front.split_at_mut(j * pitch);
             multipliers.clear();
-            for (c, inverse) in inverse_pivots[first..first + known].iter().enumerate() {
-                multipliers.push(done[c * pitch + j / CHUNK][j % CHUNK] / inverse);
+            for (c, pivot) in self.pivots[first..first + known].iter().enumerate() {
+                multipliers.push(done[c * pitch + j / CHUNK][j % CHUNK] * pivot);
             }
             let from = j / CHUNK;
             let target = &mut rest[from..pitch];
             subtract_columns(target, done, pitch, from, multipliers);
             if j < width {
-                let inverse = 1.0 / target[0][j % CHUNK];
-                inverse_pivots.push(inverse);
+                let pivot = target[0][j % CHUNK];
+                let inverse = 1.0 / pivot;
+                if !inverse.is_finite() || inverse == 0.0 {
+                    return None;
+                }
+                self.pivots.push(pivot);
                 for x in target.as_flattened_mut() {
                     *x *= inverse;
                 }
             }
         }
+        Some(())
     }
 
     /// Appends the eliminated columns in the order of solves.

@@ -34,7 +34,8 @@ pub(super) struct Lanczos<'a, const B: usize> {
     shift: f64,
     /// Relative error of a known solution.
     solve_error: f64,
-    basis: Vec<Vec<Row<B>>>,
+    /// The panels one after the other.
+    basis: &'a mut Vec<f64>,
     /// Diagonal blocks of the projection, and the triangular blocks below them.
     diagonal: Vec<Block<B>>,
     below: Vec<Block<B>>,
@@ -46,21 +47,23 @@ impl<'a, const B: usize> Lanczos<'a, B> {
         problem: &'a Problem,
         symbolic: &'a Symbolic,
         factor: &'a Factor,
+        basis: &'a mut Vec<f64>,
         shift: f64,
         seed: u64,
     ) -> Option<Self> {
-        let (basis, diagonal, below) = (Vec::new(), Vec::new(), Vec::new());
+        let (diagonal, below) = (Vec::new(), Vec::new());
         let mut run = Self { problem, symbolic, factor, shift, solve_error: 0.0, basis, diagonal, below };
         run.solve_error = run.known_solution();
         if run.solve_error.is_nan() || run.solve_error > ACCURACY {
             return None;
         }
         let mut random = Random::new(&[seed]);
-        let mut start: Vec<Row<B>> = problem.root.iter().map(|_| std::array::from_fn(|_| random.signed())).collect();
-        run.remove_null(&mut start);
-        let scale = norms(&inner(&start, &start));
-        Self::orthonormalise(&mut start, &scale);
-        run.basis.push(start);
+        run.basis.clear();
+        run.basis.extend((0..B * problem.n()).map(|_| random.signed()));
+        let start = run.basis.as_chunks_mut().0;
+        remove_null(problem, start);
+        let scale = norms(&inner::<B>(start, start));
+        orthonormalise(start, &scale);
         Some(run)
     }
 
@@ -87,39 +90,23 @@ impl<'a, const B: usize> Lanczos<'a, B> {
         (error / size).sqrt()
     }
 
-    /// Takes the null vector out.
-    fn remove_null(&self, w: &mut [Row<B>]) {
-        if !self.problem.has_null {
-            return;
-        }
-        vectorised(
-            #[inline(always)]
-            || {
-                let mut along = [0.0; B];
-                for (row, u) in w.iter().zip(&self.problem.root) {
-                    add_multiple(&mut along, *u, row);
-                }
-                for (row, u) in w.iter_mut().zip(&self.problem.root) {
-                    add_multiple(row, -u, &along);
-                }
-            },
-        );
-    }
-
     /// One more panel.
     pub fn step(&mut self) {
-        let j = self.diagonal.len();
-        let mut w = self.basis[j].clone();
-        solve(self.symbolic, self.factor, &mut w);
-        self.remove_null(&mut w);
-        let before = norms(&inner(&w, &w));
+        let (j, size) = (self.diagonal.len(), B * self.problem.n());
+        self.basis.extend_from_within(j * size..);
+        let (done, w) = self.basis.split_at_mut((j + 1) * size);
+        let w = w.as_chunks_mut().0;
+        solve::<B>(self.symbolic, self.factor, w);
+        remove_null(self.problem, w);
+        let before = norms(&inner::<B>(w, w));
         // Against all: the recurrence alone, against the last two, loses orthogonality as soon as a value converges.
         let mut along = [[0.0; B]; B];
         let mut passes = 0;
         loop {
-            let coefficients: Vec<Block<B>> = self.basis.iter().map(|q| inner(q, &w)).collect();
-            for (q, c) in self.basis.iter().zip(&coefficients) {
-                subtract(&mut w, q, c);
+            let panels = || done.chunks_exact(size).map(|q| q.as_chunks().0);
+            let coefficients: Vec<Block<B>> = panels().map(|q| inner(q, w)).collect();
+            for (q, c) in panels().zip(&coefficients) {
+                subtract(w, q, c);
             }
             for i in 0..B {
                 for l in 0..B {
@@ -127,28 +114,13 @@ impl<'a, const B: usize> Lanczos<'a, B> {
                 }
             }
             passes += 1;
-            let after = norms(&inner(&w, &w));
+            let after = norms(&inner::<B>(w, w));
             if passes == 2 || (0..B).all(|l| after[l] >= SHRUNK * before[l]) {
                 break;
             }
         }
         self.diagonal.push(along);
-        self.below.push(Self::orthonormalise(&mut w, &before));
-        self.basis.push(w);
-    }
-
-    /// Replaces the vectors by an orthonormal basis, by Cholesky QR, twice; returns the triangular factor. Vectors that are nothing but
-    /// rounding error, against their norms `before`, become zero: zero vectors stay zero and harm nobody.
-    fn orthonormalise(w: &mut [Row<B>], before: &[f64; B]) -> Block<B> {
-        let mut product: Option<Block<B>> = None;
-        for pass in 0..2 {
-            let gram = inner(w, w);
-            let floor = if pass == 0 { before.map(|x| x * EXHAUSTED) } else { [0.0; B] };
-            let (upper, inverse) = cholesky(&gram, &floor);
-            multiply(w, &inverse);
-            product = Some(product.map_or(upper, |former| block_product(&upper, &former)));
-        }
-        product.unwrap_or([[0.0; B]; B])
+        self.below.push(orthonormalise(w, &before));
     }
 
     /// The operator on the basis, a band matrix in full.
@@ -211,8 +183,8 @@ impl<'a, const B: usize> Lanczos<'a, B> {
         let quotient = |&(_, c): &(f64, usize)| {
             let coefficients: Vec<f64> = rows.iter().map(|row| row[c]).collect();
             let mut y = vec![0.0; self.problem.n()];
-            for (q, s) in self.basis.iter().zip(coefficients.chunks_exact(B)) {
-                for (y, row) in y.iter_mut().zip(q) {
+            for (q, s) in self.basis.chunks_exact(B * y.len()).zip(coefficients.chunks_exact(B)) {
+                for (y, row) in y.iter_mut().zip(q.chunks_exact(B)) {
                     *y += s.iter().zip(row).map(|(s, x)| s * x).sum::<f64>();
                 }
             }
@@ -220,6 +192,39 @@ impl<'a, const B: usize> Lanczos<'a, B> {
         };
         Some(order.iter().take(count).map(quotient).collect())
     }
+}
+
+/// Takes the null vector out, if there is one.
+fn remove_null<const B: usize>(problem: &Problem, w: &mut [Row<B>]) {
+    if !problem.has_null {
+        return;
+    }
+    vectorised(
+        #[inline(always)]
+        || {
+            let mut along = [0.0; B];
+            for (row, u) in w.iter().zip(&problem.root) {
+                add_multiple(&mut along, *u, row);
+            }
+            for (row, u) in w.iter_mut().zip(&problem.root) {
+                add_multiple(row, -u, &along);
+            }
+        },
+    );
+}
+
+/// Replaces the vectors by an orthonormal basis, by Cholesky QR, twice; returns the triangular factor. Vectors that are nothing but
+/// rounding error, against their norms `before`, become zero: zero vectors stay zero and harm nobody.
+fn orthonormalise<const B: usize>(w: &mut [Row<B>], before: &[f64; B]) -> Block<B> {
+    let mut product: Option<Block<B>> = None;
+    for pass in 0..2 {
+        let gram = inner(w, w);
+        let floor = if pass == 0 { before.map(|x| x * EXHAUSTED) } else { [0.0; B] };
+        let (upper, inverse) = cholesky(&gram, &floor);
+        multiply(w, &inverse);
+        product = Some(product.map_or(upper, |former| block_product(&upper, &former)));
+    }
+    product.unwrap_or([[0.0; B]; B])
 }
 
 /// How far Ritz value `at` may be from an eigenvalue: its residual, or the residuals squared over the distance to the other Ritz

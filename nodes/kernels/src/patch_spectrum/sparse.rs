@@ -3,6 +3,7 @@
 use super::PatchError;
 use super::factor::{Factor, Fronts};
 use super::lanczos::{Lanczos, Ritz};
+use super::memory::Memory;
 use super::problem::Problem;
 use super::symbolic::Symbolic;
 use crate::eigen::Hooks;
@@ -40,19 +41,19 @@ pub(super) fn lowest<const B: usize>(
     prepared: &[Prepared],
     count: usize,
     seed: u64,
+    memory: &mut Memory,
     hooks: &dyn Hooks,
 ) -> Result<Option<Vec<f64>>, PatchError> {
     // Weyl's law for the closed surface, of area 2 if doubled.
     let expected = 4.0 * PI * count as f64 / prepared.len() as f64;
     let mut shift = SHIFT_AT * expected * (1.0 + 0.07 * seed as f64);
     let mut nudged = false;
-    let mut fronts = Fronts::default();
-    let mut factors = [Factor::default(), Factor::default()];
+    let Memory { fronts, factors, bases } = memory;
     for _ in 0..SHIFTS {
         if hooks.cancelled() {
             return Err(PatchError::Cancelled);
         }
-        let Some(below) = factor(prepared, shift, &mut factors, &mut fronts) else {
+        let Some(below) = factor(prepared, shift, factors, fronts) else {
             shift *= 1.013;
             continue;
         };
@@ -63,8 +64,8 @@ pub(super) fn lowest<const B: usize>(
             shift *= ((target + 0.5) / (found as f64 + 0.5)).clamp(0.2, 5.0);
             continue;
         }
-        let pairs = prepared.iter().zip(&factors);
-        let runs = pairs.map(|(p, factor)| Lanczos::new(&p.problem, &p.symbolic, factor, shift, seed));
+        let parts = prepared.iter().zip(&*factors).zip(&mut *bases);
+        let runs = parts.map(|((p, factor), basis)| Lanczos::new(&p.problem, &p.symbolic, factor, basis, shift, seed));
         let Some(runs) = runs.collect::<Option<Vec<_>>>() else {
             // Too near an eigenvalue of one of the problems.
             shift *= 1.013;
@@ -80,18 +81,20 @@ pub(super) fn lowest<const B: usize>(
 fn factor(prepared: &[Prepared], shift: f64, factors: &mut [Factor; 2], fronts: &mut Fronts) -> Option<[usize; 2]> {
     let mut below = [0; 2];
     for ((Prepared { problem, symbolic }, factor), below) in prepared.iter().zip(factors).zip(&mut below) {
-        if !factor.compute(symbolic, problem, shift, fronts) {
-            return None;
-        }
-        *below = factor.below().saturating_sub(usize::from(problem.has_null));
+        *below = positive(problem, factor.compute(symbolic, problem, shift, fronts)?);
     }
     Some(below)
+}
+
+/// Of so many eigenvalues those that are not the null vector's.
+fn positive(problem: &Problem, count: usize) -> usize {
+    count.saturating_sub(usize::from(problem.has_null))
 }
 
 struct Search<'a, const B: usize> {
     prepared: &'a [Prepared],
     runs: Vec<Lanczos<'a, B>>,
-    fronts: Fronts,
+    fronts: &'a mut Fronts,
     count: usize,
     /// Positive eigenvalues of each problem below the shift.
     below_shift: [usize; 2],
@@ -169,8 +172,10 @@ impl<const B: usize> Search<'_, B> {
     /// Whether both problems have as many values below the cut as were found.
     fn certified(&mut self, cut: f64, found: &[(f64, usize)]) -> bool {
         let below: [usize; 2] = std::array::from_fn(|which| found.iter().filter(|f| f.1 == which).count());
-        let mut factors = [Factor::default(), Factor::default()];
-        factor(self.prepared, cut, &mut factors, &mut self.fronts) == Some(below)
+        let fronts = &mut *self.fronts;
+        self.prepared.iter().zip(below).all(|(Prepared { problem, symbolic }, below)| {
+            fronts.count(symbolic, problem, cut).is_some_and(|count| positive(problem, count) == below)
+        })
     }
 
     fn verdict(&self) -> Option<Verdict> {

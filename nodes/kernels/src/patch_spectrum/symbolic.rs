@@ -1,5 +1,6 @@
 //! Supernodes: runs of columns of the factor with the same pattern, or nearly so, and how their fronts fit into each other.
 
+use super::factor::TOGETHER;
 use super::order::NONE;
 use super::problem::Problem;
 
@@ -35,6 +36,8 @@ pub(super) struct Symbolic {
     pub in_front: Vec<u32>,
     /// Entries of the largest front: columns and rows below, padded as [`padded`] says.
     pub largest: usize,
+    /// Numbers that the factor keeps.
+    pub values: usize,
 }
 
 /// Columns of fronts begin at multiples of this many entries.
@@ -55,6 +58,7 @@ impl Symbolic {
             in_parent: Vec::with_capacity(4 * n),
             in_front: vec![0; problem.rows.len()],
             largest: 0,
+            values: 0,
         };
         // Places in the present front, and the last supernode that met a row.
         let (mut place, mut met) = (vec![0u32; n], vec![NONE; n]);
@@ -128,6 +132,8 @@ impl Symbolic {
             self.in_front[entry] = place[problem.rows[entry] as usize];
         }
         let height = self.height(s);
+        let groups = (0..end - begin).step_by(TOGETHER);
+        self.values += groups.map(|c| TOGETHER.min(end - begin - c) * (height - c)).sum::<usize>();
         self.largest = self.largest.max(height * padded(height));
     }
 }
