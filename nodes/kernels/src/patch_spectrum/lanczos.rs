@@ -1,7 +1,10 @@
 //! Block Lanczos on (A - shift I)^-1. Bases are reorthogonalised in full; they stay in cache.
 
 use super::factor::Factor;
-use super::panel::{Block, Row, add_multiple, inner, multiply, subtract};
+use super::panel::{
+    Block, Group, ROWS, Row, add_multiple, gram, groups, groups_mut, inner, multiply, size, subtract, to_groups,
+    to_rows,
+};
 use super::problem::Problem;
 use super::solve::solve;
 use super::symbolic::Symbolic;
@@ -36,6 +39,8 @@ pub(super) struct Lanczos<'a, const B: usize> {
     solve_error: f64,
     /// The panels one after the other.
     basis: &'a mut Vec<f64>,
+    /// The present one by rows.
+    rows: Vec<Row<B>>,
     /// Diagonal blocks of the projection, and the triangular blocks below them.
     diagonal: Vec<Block<B>>,
     below: Vec<Block<B>>,
@@ -51,18 +56,19 @@ impl<'a, const B: usize> Lanczos<'a, B> {
         shift: f64,
         seed: u64,
     ) -> Option<Self> {
-        let (diagonal, below) = (Vec::new(), Vec::new());
-        let mut run = Self { problem, symbolic, factor, shift, solve_error: 0.0, basis, diagonal, below };
+        let (rows, diagonal, below) = (vec![[0.0; B]; problem.n()], Vec::new(), Vec::new());
+        basis.clear();
+        let mut run = Self { problem, symbolic, factor, shift, solve_error: 0.0, basis, rows, diagonal, below };
         run.solve_error = run.known_solution();
         if run.solve_error.is_nan() || run.solve_error > ACCURACY {
             return None;
         }
         let mut random = Random::new(&[seed]);
-        run.basis.clear();
-        run.basis.extend((0..B * problem.n()).map(|_| random.signed()));
-        let start = run.basis.as_chunks_mut().0;
-        remove_null(problem, start);
-        let scale = norms(&inner::<B>(start, start));
+        for row in &mut run.rows {
+            *row = std::array::from_fn(|_| random.signed());
+        }
+        let start = run.append();
+        let scale = norms(&gram::<B>(start));
         orthonormalise(start, &scale);
         Some(run)
     }
@@ -90,31 +96,38 @@ impl<'a, const B: usize> Lanczos<'a, B> {
         (error / size).sqrt()
     }
 
+    /// Appends the rows to the basis, without the null vector: the new panel.
+    fn append(&mut self) -> &mut [Group<B>] {
+        remove_null(self.problem, &mut self.rows);
+        let from = self.basis.len();
+        self.basis.resize(from + size::<B>(self.rows.len()), 0.0);
+        let panel = groups_mut(&mut self.basis[from..]);
+        to_groups(&self.rows, panel);
+        panel
+    }
+
     /// One more panel.
     pub fn step(&mut self) {
-        let (j, size) = (self.diagonal.len(), B * self.problem.n());
-        self.basis.extend_from_within(j * size..);
+        let (j, size) = (self.diagonal.len(), size::<B>(self.problem.n()));
+        to_rows(groups(&self.basis[j * size..]), &mut self.rows);
+        solve::<B>(self.symbolic, self.factor, &mut self.rows);
+        self.append();
         let (done, w) = self.basis.split_at_mut((j + 1) * size);
-        let w = w.as_chunks_mut().0;
-        solve::<B>(self.symbolic, self.factor, w);
-        remove_null(self.problem, w);
-        let before = norms(&inner::<B>(w, w));
+        let (done, w): (Vec<&[Group<B>]>, _) = (done.chunks_exact(size).map(groups).collect(), groups_mut(w));
+        let before = norms(&gram::<B>(w));
         // Against all: the recurrence alone, against the last two, loses orthogonality as soon as a value converges.
         let mut along = [[0.0; B]; B];
         let mut passes = 0;
         loop {
-            let panels = || done.chunks_exact(size).map(|q| q.as_chunks().0);
-            let coefficients: Vec<Block<B>> = panels().map(|q| inner(q, w)).collect();
-            for (q, c) in panels().zip(&coefficients) {
-                subtract(w, q, c);
-            }
+            let coefficients = inner(&done, w);
+            subtract(w, &done, &coefficients);
             for i in 0..B {
                 for l in 0..B {
                     along[i][l] += coefficients[j][i][l];
                 }
             }
             passes += 1;
-            let after = norms(&inner::<B>(w, w));
+            let after = norms(&gram::<B>(w));
             if passes == 2 || (0..B).all(|l| after[l] >= SHRUNK * before[l]) {
                 break;
             }
@@ -183,9 +196,12 @@ impl<'a, const B: usize> Lanczos<'a, B> {
         let quotient = |&(_, c): &(f64, usize)| {
             let coefficients: Vec<f64> = rows.iter().map(|row| row[c]).collect();
             let mut y = vec![0.0; self.problem.n()];
-            for (q, s) in self.basis.chunks_exact(B * y.len()).zip(coefficients.chunks_exact(B)) {
-                for (y, row) in y.iter_mut().zip(q.chunks_exact(B)) {
-                    *y += s.iter().zip(row).map(|(s, x)| s * x).sum::<f64>();
+            let panels = self.basis.chunks_exact(size::<B>(y.len())).map(groups::<B>);
+            for (q, s) in panels.zip(coefficients.chunks_exact(B)) {
+                for (y, group) in y.chunks_mut(ROWS).zip(q) {
+                    for (r, y) in y.iter_mut().enumerate() {
+                        *y += s.iter().zip(group).map(|(s, x)| s * x[r]).sum::<f64>();
+                    }
                 }
             }
             self.problem.rayleigh_quotient(&y)
@@ -215,10 +231,10 @@ fn remove_null<const B: usize>(problem: &Problem, w: &mut [Row<B>]) {
 
 /// Replaces the vectors by an orthonormal basis, by Cholesky QR, twice; returns the triangular factor. Vectors that are nothing but
 /// rounding error, against their norms `before`, become zero: zero vectors stay zero and harm nobody.
-fn orthonormalise<const B: usize>(w: &mut [Row<B>], before: &[f64; B]) -> Block<B> {
+fn orthonormalise<const B: usize>(w: &mut [Group<B>], before: &[f64; B]) -> Block<B> {
     let mut product: Option<Block<B>> = None;
     for pass in 0..2 {
-        let gram = inner(w, w);
+        let gram = gram(w);
         let floor = if pass == 0 { before.map(|x| x * EXHAUSTED) } else { [0.0; B] };
         let (upper, inverse) = cholesky(&gram, &floor);
         multiply(w, &inverse);
