@@ -4,8 +4,8 @@
 //! patch's Neumann eigenfunctions (boundary vertices get the stiffness and the mass of both copies, which cancels), the odd ones vanish on
 //! the boundary and are its Dirichlet eigenfunctions. The spectrum is the sorted union, from two problems of half the size.
 
-// Code compiled for wider vector instructions must be inlined into what chooses them, and lanes are told apart by their numbers.
-#![expect(clippy::inline_always, clippy::needless_range_loop, reason = "vectorised kernels")]
+// Code compiled for wider vector instructions must be inlined into what chooses them.
+#![expect(clippy::inline_always, reason = "vectorised kernels")]
 
 mod bisection;
 mod factor;
@@ -168,10 +168,10 @@ fn scaled_values(
     let on_rim = rim.iter().filter(|on_rim| **on_rim).count();
     let unknowns = if on_rim == 0 { n } else { 2 * n - on_rim };
     // With most of the spectrum wanted, Lanczos would make bases as large as the matrices.
-    if n <= options.dense_limit || 5 * count > unknowns {
-        if let Some(values) = dense_values(&Problem::in_any_order(operator, rim), count)? {
-            return Ok(values);
-        }
+    if (n <= options.dense_limit || 5 * count > unknowns)
+        && let Some(values) = dense_values(&Problem::in_any_order(operator, rim), count)?
+    {
+        return Ok(values);
     }
     let prepared: Vec<Prepared> =
         problem::problems(operator, rim).ok_or(PatchError::Memory)?.into_iter().map(Prepared::from).collect();

@@ -138,17 +138,18 @@ impl Symbolic {
     }
 }
 
+/// A run with the height of its first column and the zeros stored in it.
+struct Run {
+    begin: usize,
+    end: usize,
+    height: usize,
+    zeros: usize,
+}
+
 /// Runs of columns, merged.
 fn merged(problem: &Problem) -> Vec<(usize, usize)> {
     let (n, parents, counts) = (problem.n(), &problem.parents, &problem.counts);
     let stored = |width: usize, height: usize| width * height - width * (width - 1) / 2;
-    /// A run with the height of its first column and the zeros stored in it.
-    struct Run {
-        begin: usize,
-        end: usize,
-        height: usize,
-        zeros: usize,
-    }
     // From the last: a run can take in the one before it if that one's parent is in it.
     let mut runs: Vec<Run> = Vec::new();
     let mut end = n;
