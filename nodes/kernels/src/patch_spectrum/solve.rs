@@ -149,3 +149,80 @@ fn add_line<const C: usize, const B: usize>(sums: &mut [Row<B>; C], line: &[f64;
         add_multiple(&mut sums[c], line[c], y);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::factor::{Factor, Fronts};
+    use super::super::order::NONE;
+    use super::super::problem::{Problem, problems};
+    use super::super::tridiagonal;
+    use super::*;
+    use crate::adjacency::on_rim;
+    use crate::laplacian::{Area, laplacian};
+    use crate::random::Random;
+
+    /// A bent grid of p by q squares, its vertices in random order, and its problems.
+    fn grid(p: usize, q: usize) -> Vec<Problem> {
+        let mut random = Random::new(&[p as u64, q as u64]);
+        let n = (p + 1) * (q + 1);
+        let mut names: Vec<u32> = (0..n as u32).collect();
+        names.sort_by_cached_key(|_| (1e9 * random.unit()) as u64);
+        let (mut points, mut faces) = (vec![[0.0; 3]; n], Vec::new());
+        for j in 0..=q {
+            for i in 0..=p {
+                let name = |i: usize, j: usize| names[j * (p + 1) + i];
+                let (x, y) = (i as f64 + 0.2 * random.signed(), j as f64 + 0.2 * random.signed());
+                points[name(i, j) as usize] = [x, y, (0.3 * x).sin()];
+                if i < p && j < q {
+                    faces.push([name(i, j), name(i + 1, j), name(i + 1, j + 1)]);
+                    faces.push([name(i, j), name(i + 1, j + 1), name(i, j + 1)]);
+                }
+            }
+        }
+        let operator = laplacian(&points, &faces, Area::Mixed, false).expect("a grid");
+        problems(&operator, &on_rim(n, &faces)).expect("memory")
+    }
+
+    #[test]
+    fn factors_count_and_solve() {
+        let (mut factor, mut fronts) = (Factor::default(), Fronts::default());
+        // The last one has separators wider than a group of chunks.
+        for (p, q, shift) in [(1, 1, 20.0), (40, 1, 100.0), (9, 7, 60.0), (45, 40, 90.0)] {
+            let problems = grid(p, q);
+            assert_eq!(problems.len(), if q > 1 { 2 } else { 1 });
+            for problem in &problems {
+                let (n, a) = (problem.n(), problem.dense());
+                let symbolic = Symbolic::new(problem);
+                assert!(problem.parents.iter().zip(0..).all(|(&parent, j)| parent > j));
+                assert_eq!(problem.parents.iter().filter(|p| **p == NONE).count(), 1, "one piece, one root");
+                if n < 500 {
+                    let values = tridiagonal::eigenvalues(&mut a.clone(), n, &mut []).expect("converges");
+                    let below = values.iter().filter(|x| **x < shift).count();
+                    assert_eq!(fronts.count(&symbolic, problem, shift), Some(below));
+                }
+                let below = factor.compute(&symbolic, problem, shift, &mut fronts);
+                assert_eq!(below, fronts.count(&symbolic, problem, shift));
+                assert!(factor.values.len() <= symbolic.values, "it grows");
+                let mut random = Random::new(&[7]);
+                let x: Vec<Row<4>> = (0..n).map(|_| std::array::from_fn(|_| random.signed())).collect();
+                let mut y: Vec<Row<4>> = x.iter().map(|row| row.map(|x| -shift * x)).collect();
+                for (y, line) in y.iter_mut().zip(a.chunks_exact(n)) {
+                    for (entry, x) in line.iter().zip(&x) {
+                        add_multiple(y, *entry, x);
+                    }
+                }
+                solve(&symbolic, &factor, &mut y);
+                let near = |(x, y): (&Row<4>, &Row<4>)| (0..4).all(|l| (x[l] - y[l]).abs() < 1e-9);
+                assert!(x.iter().zip(&y).all(near), "{p} x {q}, {n}");
+            }
+        }
+    }
+
+    #[test]
+    fn breakdown_is_told() {
+        // One edge of two problems' worth: a leading pivot of exactly zero.
+        let problem = &grid(1, 1)[0];
+        let shift = problem.diagonal[0];
+        assert_eq!(Fronts::default().count(&Symbolic::new(problem), problem, shift), None);
+    }
+}

@@ -36,7 +36,7 @@ pub(super) struct Symbolic {
     pub in_front: Vec<u32>,
     /// Entries of the largest front: columns and rows below, padded as [`padded`] says.
     pub largest: usize,
-    /// Numbers that the factor keeps.
+    /// The factor keeps at most so many numbers.
     pub values: usize,
 }
 
