@@ -220,7 +220,7 @@ mod tests {
 
     #[test]
     fn breakdown_is_told() {
-        // One edge of two problems' worth: a leading pivot of exactly zero.
+        // The first pivot is exactly zero.
         let problem = &grid(1, 1)[0];
         let shift = problem.diagonal[0];
         assert_eq!(Fronts::default().count(&Symbolic::new(problem), problem, shift), None);
