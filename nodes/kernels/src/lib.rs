@@ -1,4 +1,5 @@
-//! Numerical kernels for spectral shape analysis: pure functions on plain arrays, no files, no threads, no global state.
+//! Numerical kernels for spectral shape analysis: pure functions on plain arrays, no files, no threads, no global state but memory
+//! that a thread keeps from one patch spectrum to the next.
 
 pub mod adjacency;
 pub mod assignment;
@@ -6,6 +7,7 @@ pub mod creature;
 pub mod disc;
 pub mod eigen;
 pub mod geodesic;
+mod heap;
 pub mod laplacian;
 pub mod nearest;
 pub mod object;

@@ -4,24 +4,27 @@
 //! patch's Neumann eigenfunctions (boundary vertices get the stiffness and the mass of both copies, which cancels), the odd ones vanish on
 //! the boundary and are its Dirichlet eigenfunctions. The spectrum is the sorted union, from two problems of half the size.
 
-// Code compiled for wider vector instructions must be inlined into what chooses them, and lanes are told apart by their numbers.
-#![expect(clippy::inline_always, clippy::needless_range_loop, reason = "vectorised kernels")]
+// Code compiled for wider vector instructions must be inlined into what chooses them.
+#![expect(clippy::inline_always, reason = "vectorised kernels")]
 
 mod bisection;
 mod factor;
 mod lanczos;
+mod memory;
 mod order;
 mod panel;
 mod problem;
+mod solve;
 mod sparse;
+mod symbolic;
 mod tridiagonal;
 
 use crate::adjacency::on_rim;
 use crate::eigen::Hooks;
 use crate::laplacian::{Area, LaplacianError, Operator, laplacian};
 use bisection::Tridiagonal;
-use factor::Factoriser;
-use problem::Doubled;
+use problem::Problem;
+use sparse::Prepared;
 use std::fmt;
 
 /// How a patch spectrum is computed.
@@ -136,15 +139,14 @@ pub fn patch_spectrum(
     }
     let n = vertices.len();
     let rim = on_rim(n, faces);
-    let interior: Vec<u32> = (0..n as u32).filter(|&v| !rim[v as usize]).collect();
-    let doubled = interior.len() < n;
-    let available = n - 1 + if doubled { interior.len() } else { 0 };
+    let inner = rim.iter().filter(|on_rim| !**on_rim).count();
+    let doubled = inner < n;
+    let available = n - 1 + if doubled { inner } else { 0 };
     if available < count {
         return Err(PatchError::TooFew { wanted: count, available });
     }
     let patch_area = operator.area();
-    let inner: &[u32] = if doubled { &interior } else { &[] };
-    let mut values = scaled_values(&operator, inner, doubled, count, options, hooks)?;
+    let mut values = scaled_values(&operator, &rim, count, options, hooks)?;
     for value in &mut values {
         *value /= patch_area;
     }
@@ -157,54 +159,55 @@ const DENSE_AT_MOST: usize = 3000;
 /// The values of the patch scaled to unit area.
 fn scaled_values(
     operator: &Operator,
-    interior: &[u32],
-    doubled: bool,
+    rim: &[bool],
     count: usize,
     options: &PatchOptions,
     hooks: &dyn Hooks,
 ) -> Result<Vec<f64>, PatchError> {
     let n = operator.mass.len();
+    let on_rim = rim.iter().filter(|on_rim| **on_rim).count();
+    let unknowns = if on_rim == 0 { n } else { 2 * n - on_rim };
     // With most of the spectrum wanted, Lanczos would make bases as large as the matrices.
-    if n <= options.dense_limit || 5 * count > n + interior.len() {
-        let problem = Doubled::new(operator, interior, false).ok_or(PatchError::Memory)?;
-        if let Some(values) = dense_values(&problem, count)? {
-            return Ok(values);
-        }
+    if (n <= options.dense_limit || 5 * count > unknowns)
+        && let Some(values) = dense_values(&Problem::in_any_order(operator, rim), count)?
+    {
+        return Ok(values);
     }
-    let problem = &Doubled::new(operator, interior, true).ok_or(PatchError::Memory)?;
-    let factoriser = Factoriser::new(problem).ok_or(PatchError::Memory)?;
-    let attempts = if doubled {
-        [sparse::lowest::<4, 2>, sparse::lowest::<8, 4>]
-    } else {
-        [sparse::lowest::<4, 4>, sparse::lowest::<8, 8>]
-    };
-    for (seed, attempt) in attempts.into_iter().enumerate() {
-        if let Some(values) = attempt(&factoriser, problem, count, seed as u64, hooks)? {
-            return Ok(values);
+    let prepared: Vec<Prepared> =
+        problem::problems(operator, rim).ok_or(PatchError::Memory)?.into_iter().map(Prepared::from).collect();
+    let found = memory::with(|memory| {
+        for (seed, attempt) in [sparse::lowest::<4>, sparse::lowest::<8>].into_iter().enumerate() {
+            if let Some(values) = attempt(&prepared, count, seed as u64, memory, hooks)? {
+                return Ok(Some(values));
+            }
         }
+        Ok::<_, PatchError>(None)
+    })?;
+    if let Some(values) = found {
+        return Ok(values);
     }
     if n > DENSE_AT_MOST {
         return Err(PatchError::NotCertified);
     }
-    dense_values(problem, count)?.ok_or(PatchError::NotCertified)
+    dense_values(&Problem::in_any_order(operator, rim), count)?.ok_or(PatchError::NotCertified)
 }
 
-/// About where the value of this number is, by Weyl's law for the closed surface: of area 2 if doubled, else 1.
-fn expected(problem: &Doubled, count: usize) -> f64 {
-    4.0 * std::f64::consts::PI * count as f64 / if problem.interior > 0 { 2.0 } else { 1.0 }
+/// About where the value of this number is, by Weyl's law for the closed surface: of area 2 if there are two problems, else 1.
+fn expected(problems: usize, count: usize) -> f64 {
+    4.0 * std::f64::consts::PI * count as f64 / problems as f64
 }
 
 /// Accepted effect of rounding on the values of the dense solver, relative to the lowest: slivers have more.
 const DENSE_ROUNDING: f64 = 1e-8;
 
 /// The same by complete decompositions; nothing if rounding may be in the values.
-fn dense_values(problem: &Doubled, count: usize) -> Result<Option<Vec<f64>>, PatchError> {
-    let reduced = |order: usize| {
-        let (diagonal, off) = tridiagonal::reduce(&mut problem.dense(order), order, &mut []);
-        Tridiagonal::new(&diagonal, &off)
+fn dense_values(problems: &[Problem], count: usize) -> Result<Option<Vec<f64>>, PatchError> {
+    let reduced = |problem: &Problem| {
+        let (diagonal, off) = tridiagonal::reduce(&mut problem.dense(), problem.n(), &mut []);
+        (Tridiagonal::new(&diagonal, &off), usize::from(problem.has_null))
     };
-    let both = [(reduced(problem.n()), 1), (reduced(problem.interior), 0)];
-    let values = bisection::lowest(&both, count, expected(problem, count)).ok_or(PatchError::NotCertified)?;
-    let rounding = f64::EPSILON * problem.norm();
+    let all: Vec<(Tridiagonal, usize)> = problems.iter().map(reduced).collect();
+    let values = bisection::lowest(&all, count, expected(problems.len(), count)).ok_or(PatchError::NotCertified)?;
+    let rounding = f64::EPSILON * problems.iter().map(Problem::norm).fold(0.0, f64::max);
     Ok(values.first().is_some_and(|&lowest| rounding <= DENSE_ROUNDING * lowest).then_some(values))
 }

@@ -4,12 +4,11 @@
 //! length. Equal costs are resolved by vertex number.
 
 use crate::adjacency::{self, MeshError};
+use crate::heap::Heap;
 use crate::stop::{NEVER, Pace, Stop};
 use crate::surgery::Surgery;
 use crate::topology::bounding_box;
 use crate::vec3::{add, cross, distance2, dot, lerp, norm, normal, scale, sub};
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
 
 /// Weight of a boundary edge's plane against a face's, both per squared length.
 const BOUNDARY: f64 = 100.0;
@@ -83,20 +82,25 @@ impl Quadric {
     }
 }
 
-/// A collapse on offer. Costs are rounded to single precision, so that equal ones compare equal whatever the unit of length;
-/// being positive, their bits order as they do.
-type Offer = Reverse<(u32, u32, u32, u32, u32)>;
+/// A collapse on offer in one integer that orders as offers do: its cost, the lower and the higher end, and how often both had changed when it
+/// was made. Costs are rounded to single precision, so that equal ones compare equal whatever the unit of length; being positive, their bits
+/// order as they do.
+fn offer(cost: f32, low: u32, high: u32, changes: u32) -> u128 {
+    u128::from(cost.to_bits()) << 96 | u128::from(low) << 64 | u128::from(high) << 32 | u128::from(changes)
+}
 
 struct Decimation {
     mesh: Surgery,
     points: Vec<[f64; 3]>,
     quadrics: Vec<Quadric>,
-    /// Counts the changes of each vertex; offers carry the counts they were made at.
+    /// Counts the changes of each vertex.
     version: Vec<u32>,
     /// Original vertices merged into each vertex, as linked lists: the next one, and the last.
     next: Vec<u32>,
     last: Vec<u32>,
-    heap: BinaryHeap<Offer>,
+    heap: Heap,
+    /// Memory of [`Decimation::merge`].
+    ring: Vec<u32>,
 }
 
 /// Reduces a mesh to `target` vertices (at least 4), or as near as topology and orientation allow.
@@ -167,7 +171,7 @@ impl Decimation {
             }
             for k in 0..3 {
                 let (u, v) = (corners[k], corners[(k + 1) % 3]);
-                if mesh.sides(u, v).len() == 1 {
+                if mesh.sides_at(u, v) == 1 {
                     let (p, q) = (points[u as usize], points[v as usize]);
                     let along = sub(q, p);
                     let wall = cross(along, unit);
@@ -189,7 +193,8 @@ impl Decimation {
             version: vec![0; n],
             next: vec![u32::MAX; n],
             last: members,
-            heap: BinaryHeap::new(),
+            heap: Heap::default(),
+            ring: Vec::new(),
         }
     }
 
@@ -214,17 +219,17 @@ impl Decimation {
     fn offer(&mut self, a: u32, b: u32) {
         let (low, high) = (a.min(b), a.max(b));
         let cost = self.position(low, high).1 as f32;
-        self.heap.push(Reverse((cost.to_bits(), low, high, self.version[low as usize], self.version[high as usize])));
+        self.heap.push(offer(cost, low, high, self.changes(low, high)));
     }
 
     /// Collapses until the target or the end of the offers; the vertices left.
     fn run(&mut self, mut count: usize, target: usize, pace: &Pace) -> usize {
         while count > target && !pace.ends() {
-            let Some(Reverse((_, a, b, at_a, at_b))) = self.heap.pop() else {
+            let Some(offer) = self.heap.pop() else {
                 break;
             };
-            let stale = self.version[a as usize] != at_a || self.version[b as usize] != at_b;
-            if stale || !self.mesh.can_collapse(a, b) {
+            let (a, b) = ((offer >> 64) as u32, (offer >> 32) as u32);
+            if self.changes(a, b) != offer as u32 || !self.mesh.can_collapse(a, b) {
                 continue;
             }
             let (place, _) = self.position(a, b);
@@ -238,6 +243,11 @@ impl Decimation {
         count
     }
 
+    /// How often the ends of an edge have changed: the same only as long as neither does.
+    fn changes(&self, a: u32, b: u32) -> u32 {
+        self.version[a as usize] + self.version[b as usize]
+    }
+
     fn merge(&mut self, a: u32, b: u32, place: [f64; 3]) {
         self.mesh.collapse(a, b);
         self.points[a as usize] = place;
@@ -246,9 +256,12 @@ impl Decimation {
         self.version[b as usize] += 1;
         self.next[self.last[a as usize] as usize] = b;
         self.last[a as usize] = self.last[b as usize];
-        for v in self.mesh.ring(a).0 {
+        let mut ring = std::mem::take(&mut self.ring);
+        self.mesh.write_ring(a, &mut ring);
+        for &v in &ring {
             self.offer(a, v);
         }
+        self.ring = ring;
     }
 
     /// Of the original vertices merged into `v`, the one nearest to where it is now; the lowest among equals. Distances are

@@ -10,6 +10,8 @@ pub(crate) struct Surgery {
     pub(crate) alive: Vec<bool>,
     /// Live faces of each vertex; empty for removed vertices.
     pub(crate) star: Vec<Vec<u32>>,
+    /// Memory of [`Self::can_collapse`].
+    rings: [Vec<u32>; 2],
 }
 
 /// The one or two faces at an edge and the corners opposite to it.
@@ -22,7 +24,10 @@ pub(crate) struct EdgeSide {
 impl Surgery {
     /// Faces naming a vertex twice are left out.
     pub(crate) fn new(vertex_count: usize, faces: &[[u32; 3]]) -> Self {
-        let mut star = vec![Vec::new(); vertex_count];
+        let mut counts = vec![0; vertex_count];
+        faces.iter().flatten().for_each(|&v| counts[v as usize] += 1);
+        // A collapse adds two faces, as a rule.
+        let mut star: Vec<Vec<u32>> = counts.into_iter().map(|count| Vec::with_capacity(count + 2)).collect();
         let mut alive = vec![true; faces.len()];
         for (f, &[a, b, c]) in faces.iter().enumerate() {
             if a == b || b == c || c == a {
@@ -33,32 +38,48 @@ impl Surgery {
                 }
             }
         }
-        Self { faces: faces.to_vec(), alive, star }
+        Self { faces: faces.to_vec(), alive, star, rings: Default::default() }
     }
 
     /// The faces at edge `ab`, by ascending number.
     pub(crate) fn sides(&self, a: u32, b: u32) -> Vec<EdgeSide> {
-        let mut found = Vec::with_capacity(2);
-        for &face in &self.star[a as usize] {
+        let mut sides: Vec<EdgeSide> = self.sides_of(a, b).collect();
+        sides.sort_unstable_by_key(|s| s.face);
+        sides
+    }
+
+    /// The same in no order, without a list.
+    fn sides_of(&self, a: u32, b: u32) -> impl Iterator<Item = EdgeSide> + '_ {
+        let side = move |&face: &u32| {
             let corners = self.faces[face as usize];
-            if corners.contains(&b)
-                && let Some(far) = corners.into_iter().find(|&v| v != a && v != b)
-            {
-                found.push(EdgeSide { face, far });
-            }
-        }
-        found.sort_unstable_by_key(|s| s.face);
-        found
+            let far = corners.into_iter().find(|&v| v != a && v != b).filter(|_| corners.contains(&b));
+            far.map(|far| EdgeSide { face, far })
+        };
+        self.star[a as usize].iter().filter_map(side)
+    }
+
+    /// How many faces are at edge `ab`.
+    pub(crate) fn sides_at(&self, a: u32, b: u32) -> usize {
+        self.sides_of(a, b).count()
     }
 
     /// The neighbours of `v`, ascending, and whether some edge at `v` has one face only.
     pub(crate) fn ring(&self, v: u32) -> (Vec<u32>, bool) {
-        let star = self.star[v as usize].iter().flat_map(|&f| self.faces[f as usize]);
-        let mut ring: Vec<u32> = star.filter(|&w| w != v).collect();
+        let mut ring = Vec::new();
+        let boundary = self.write_ring(v, &mut ring);
+        (ring, boundary)
+    }
+
+    /// The same into a list that is there.
+    pub(crate) fn write_ring(&self, v: u32, ring: &mut Vec<u32>) -> bool {
+        ring.clear();
+        for &f in &self.star[v as usize] {
+            ring.extend(self.opposite(f, v));
+        }
         ring.sort_unstable();
         let boundary = ring.chunk_by(|a, b| a == b).any(|run| run.len() == 1);
         ring.dedup();
-        (ring, boundary)
+        boundary
     }
 
     /// The two other corners of a face, in its order after `v`.
@@ -72,34 +93,38 @@ impl Surgery {
     }
 
     /// The link condition (Dey et al. 1999): collapsing `ab` keeps the topology, boundary included.
-    pub(crate) fn can_collapse(&self, a: u32, b: u32) -> bool {
-        let sides = self.sides(a, b);
-        if sides.is_empty() || sides.len() > 2 {
+    pub(crate) fn can_collapse(&mut self, a: u32, b: u32) -> bool {
+        let (mut sides, mut far) = (0, [u32::MAX; 2]);
+        for side in self.sides_of(a, b) {
+            if sides == 2 {
+                return false;
+            }
+            far[sides] = side.far;
+            sides += 1;
+        }
+        if sides == 0 {
             return false;
         }
-        let ((ring_a, rim_a), (ring_b, rim_b)) = (self.ring(a), self.ring(b));
-        if rim_a && rim_b && sides.len() == 2 {
+        let mut rings = std::mem::take(&mut self.rings);
+        let on_rim =
+            [a, b].into_iter().zip(&mut rings).map(|(v, ring)| self.write_ring(v, ring)).fold(true, |x, y| x & y);
+        let linked = !(on_rim && sides == 2) && common(&rings[0], &rings[1], &mut far[..sides]);
+        self.rings = rings;
+        if !linked {
             return false;
         }
-        let mut far: Vec<u32> = sides.iter().map(|s| s.far).collect();
-        far.sort_unstable();
-        let common: Vec<u32> = ring_a.into_iter().filter(|v| ring_b.binary_search(v).is_ok()).collect();
-        if common != far {
-            return false;
-        }
-        // No edge may be opposite to both ends: two faces would become one (the last tetrahedron).
-        let rim_of = |v: u32| {
-            let edge = move |&f: &u32| {
-                let [p, q] = self.opposite(f, v);
-                [p.min(q), p.max(q)]
-            };
-            self.star[v as usize].iter().map(edge)
+        // No edge may be opposite to both ends, which could only be the one between the far corners: two faces would become one (the last
+        // tetrahedron).
+        let mesh = &*self;
+        let across = |v: u32| {
+            let mut edges = mesh.star[v as usize].iter().map(|&f| mesh.opposite(f, v));
+            edges.any(|[p, q]| [p.min(q), p.max(q)] == far)
         };
-        if rim_of(a).any(|edge| rim_of(b).any(|other| other == edge)) {
+        if across(a) && across(b) {
             return false;
         }
         // A lone boundary triangle, or one hanging by a corner, must not vanish into an edge.
-        sides.len() == 2 || sides.iter().all(|s| self.sides(a, s.far).len() + self.sides(b, s.far).len() > 2)
+        sides == 2 || self.sides_at(a, far[0]) + self.sides_at(b, far[0]) > 2
     }
 
     /// Collapses `b` into `a`. The caller has asked [`Self::can_collapse`].
@@ -216,4 +241,11 @@ impl Surgery {
         let faces = live.map(|(f, _)| f.map(|v| new_of[v as usize])).collect();
         (kept, faces)
     }
+}
+
+/// Whether two ascending lists have just these in common, which are sorted for it.
+fn common(x: &[u32], y: &[u32], expected: &mut [u32]) -> bool {
+    expected.sort_unstable();
+    let both = x.iter().filter(|v| y.binary_search(v).is_ok());
+    both.eq(&*expected)
 }

@@ -192,3 +192,16 @@ fn repeats_are_bit_identical() {
     let run = || patch_spectrum(&patch.0, &patch.1, 21, &with(0), &()).expect("a patch");
     assert_eq!(run(), run());
 }
+
+#[test]
+fn what_was_computed_before_does_not_matter() {
+    // Memory is kept from patch to patch: larger ones, smaller ones, and those of a new thread.
+    let patches = [rough_patch(19, 14), rough_patch(30, 24), rough_patch(13, 12)];
+    let run = |i: usize| patch_spectrum(&patches[i].0, &patches[i].1, 21, &with(0), &()).expect("a patch");
+    let first: Vec<_> = (0..3).map(run).collect();
+    for i in [2, 0, 1, 1, 0] {
+        assert_eq!(run(i), first[i]);
+        let fresh = std::thread::scope(|scope| scope.spawn(|| run(i)).join().expect("no panic"));
+        assert_eq!(fresh, first[i]);
+    }
+}

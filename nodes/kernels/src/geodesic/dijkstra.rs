@@ -5,7 +5,7 @@
 //! bit, since either way a distance is the least of the rounded lengths of all paths, and rounded sums never fall as paths grow.
 
 use super::graph::Graph;
-use super::queue::{Front, Queue, Waiting};
+use super::queue::{Front, Queue, TOGETHER, Waiting};
 
 /// The vertices about a source, by whatever metric. Their order is the same whenever the same is asked; it has no meaning.
 #[derive(Debug, Clone, Copy)]
@@ -31,9 +31,6 @@ pub struct Dijkstra {
     settled: Vec<Waiting>,
     rim: Vec<Waiting>,
 }
-
-/// Links looked at together.
-const TOGETHER: usize = 8;
 
 /// Whether settled vertices are listed.
 const LISTED: bool = true;
@@ -159,19 +156,13 @@ fn seed(front: &mut Front, distance: &mut [f64], sources: &[u32]) {
 #[inline(always)]
 fn relax(front: &mut Front, graph: &Graph, distance: &mut [f64], limit: f64, (vertex, known): Waiting) {
     for links in graph.links(vertex).chunks(TOGETHER) {
-        // Which of them are improved is not to be guessed: all are written down, and a flag moves the end.
-        let (mut nearer, mut count) = ([(0, 0.0); TOGETHER], 0);
-        for link in links {
+        front.offer(links.iter().map(|link| {
             let (through, old) = (known + link.length(), &mut distance[link.vertex as usize]);
-            nearer[count % TOGETHER] = (link.vertex, through);
             // Lengths may overflow: what is infinitely far stays unreached.
             let better = through < if limit < *old { limit } else { *old };
             *old = if better { through } else { *old };
-            count += usize::from(better);
-        }
-        for &(next, through) in &nearer[..count] {
-            front.push(through, next);
-        }
+            (through, link.vertex, better)
+        }));
     }
 }
 
@@ -192,15 +183,19 @@ fn settle<const LIST: bool>(
     let (from, mut round) = (settled.len(), std::mem::take(&mut front.spare));
     // Mostly one round; where many links are shorter than a bucket is wide, too many may follow.
     let mut left = usize::MAX;
-    while front.take(&mut round) {
+    while front.take(distance, &mut round) {
         left = left.min(256 + 8 * round.len());
         if round.len() > left {
             settle_in_order::<LIST>(front, graph, distance, limit, settled, &mut round);
             break;
         }
         left -= round.len();
+        if LIST {
+            settled.extend_from_slice(&round);
+        }
+        // Some may become nearer meanwhile. To see them twice costs less than to look whether they did.
         for &entry in &round {
-            visit::<LIST>(front, graph, distance, limit, settled, entry);
+            relax(front, graph, distance, limit, entry);
         }
     }
     front.spare = round;
@@ -231,28 +226,16 @@ fn settle_in_order<const LIST: bool>(
         heap.push(distance, vertex);
     }
     while let Some((known, vertex)) = heap.pop() {
-        visit::<LIST>(front, graph, distance, limit, settled, (vertex, known));
-        front.take(round);
+        if known == distance[vertex as usize] {
+            if LIST {
+                settled.push((vertex, known));
+            }
+            relax(front, graph, distance, limit, (vertex, known));
+        }
+        front.take(distance, round);
         for &(vertex, distance) in round.iter() {
             heap.push(distance, vertex);
         }
-    }
-}
-
-#[inline(always)]
-fn visit<const LIST: bool>(
-    front: &mut Front,
-    graph: &Graph,
-    distance: &mut [f64],
-    limit: f64,
-    settled: &mut Vec<Waiting>,
-    entry: Waiting,
-) {
-    if entry.1 == distance[entry.0 as usize] {
-        if LIST {
-            settled.push(entry);
-        }
-        relax(front, graph, distance, limit, entry);
     }
 }
 

@@ -1,12 +1,10 @@
 //! Priority queues of numbered items by non-negative distance: one in exact order, lowest number first among equals, and one in buckets.
 
-/// A heap with four children to a node: half the levels of a binary one, and the four keys compared lie in one cache line.
-///
-/// Non-negative doubles order as their bits do, so that an entry is one integer: distance above, item below.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Queue(Vec<u128>);
+use crate::heap::Heap;
 
-const CHILDREN: usize = 4;
+/// A heap of items by distance. Non-negative doubles order as their bits do, so that an entry is one integer: distance above, item below.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Queue(Heap);
 
 impl Queue {
     pub(super) fn clear(&mut self) {
@@ -15,50 +13,13 @@ impl Queue {
 
     /// Adds an item. The distance must not be negative (nor -0.0) or NaN.
     pub(super) fn push(&mut self, distance: f64, item: u32) {
-        let entry = u128::from(distance.to_bits()) << 32 | u128::from(item);
-        let mut hole = self.0.len();
-        self.0.push(entry);
-        while hole > 0 {
-            let parent = (hole - 1) / CHILDREN;
-            if self.0[parent] <= entry {
-                break;
-            }
-            self.0[hole] = self.0[parent];
-            hole = parent;
-        }
-        self.0[hole] = entry;
+        self.0.push(u128::from(distance.to_bits()) << 32 | u128::from(item));
     }
 
     /// Removes and returns the nearest item.
     pub(super) fn pop(&mut self) -> Option<(f64, u32)> {
-        let last = self.0.pop()?;
-        let Some(&top) = self.0.first() else { return Some(unpacked(last)) };
-        let heap = self.0.as_mut_slice();
-        let mut hole = 0;
-        loop {
-            let first = hole * CHILDREN + 1;
-            let (child, least) = if let Some(four) = heap.get(first..first + CHILDREN) {
-                let (a, b) = (usize::from(four[1] < four[0]), 2 + usize::from(four[3] < four[2]));
-                let least = if four[b] < four[a] { b } else { a };
-                (first + least, four[least])
-            } else {
-                let rest = heap.get(first..).unwrap_or_default().iter().copied().enumerate();
-                let Some((least, entry)) = rest.min_by_key(|e| e.1) else { break };
-                (first + least, entry)
-            };
-            if last <= least {
-                break;
-            }
-            heap[hole] = least;
-            hole = child;
-        }
-        heap[hole] = last;
-        Some(unpacked(top))
+        self.0.pop().map(|entry| (f64::from_bits((entry >> 32) as u64), entry as u32))
     }
-}
-
-fn unpacked(entry: u128) -> (f64, u32) {
-    (f64::from_bits((entry >> 32) as u64), entry as u32)
 }
 
 /// A vertex and its distance.
@@ -73,52 +34,84 @@ const ROUND: f64 = (1u64 << 52) as f64;
 /// bucket that is worked on.
 #[derive(Debug, Clone)]
 pub(super) struct Front {
-    buckets: [Vec<Waiting>; BUCKETS],
+    /// The buckets one after the other, each with room for `room` vertices.
+    slots: Vec<Waiting>,
+    room: usize,
+    lengths: [usize; BUCKETS],
     /// Bit i: bucket i is not empty.
     occupied: u64,
     at: usize,
     /// Buckets per unit of distance.
     density: f64,
-    /// What [`Front::take`] exchanges a bucket for: its memory.
+    /// What [`Front::take`] writes into: its memory.
     pub(super) spare: Vec<Waiting>,
 }
 
+/// Vertices that may be offered together.
+pub(super) const TOGETHER: usize = 8;
+/// From one bucket to the next in memory there are so many slots more than a power of two, or all would begin in the same sets of the cache.
+const SKEW: usize = 4;
+
 impl Default for Front {
     fn default() -> Self {
-        let buckets = [const { Vec::new() }; BUCKETS];
-        Self { buckets, occupied: 0, at: 0, density: 0.0, spare: Vec::new() }
+        let (slots, spare) = (Vec::new(), Vec::new());
+        Self { slots, room: 0, lengths: [0; BUCKETS], occupied: 0, at: 0, density: 0.0, spare }
     }
 }
 
 impl Front {
     /// Empties it, for steps of so much on average and at most.
     pub(super) fn start(&mut self, mean: f64, most: f64) {
-        while self.advance() {
-            self.buckets[self.at].clear();
-            self.occupied &= !(1 << self.at);
-        }
+        self.lengths = [0; BUCKETS];
+        self.occupied = 0;
         self.at = 0;
         let width = (mean / 4.0).max(most / (BUCKETS - 2) as f64);
         // Without lengths everything is in the first bucket.
         self.density = if width > 0.0 && (1.0 / width).is_finite() { 1.0 / width } else { 0.0 };
+        if self.room == 0 {
+            self.grow();
+        }
     }
 
     /// Empty since its start, it goes on from this distance.
     pub(super) fn resume(&mut self, distance: f64) {
-        self.at = self.bucket(distance);
+        self.at = bucket(distance, self.density);
     }
 
-    #[inline(always)]
-    fn bucket(&self, distance: f64) -> usize {
-        (distance * self.density + ROUND).to_bits() as usize % BUCKETS
+    #[cold]
+    fn grow(&mut self) {
+        let (old, room) = (self.room + SKEW, (2 * self.room).max(32));
+        let slots = std::mem::replace(&mut self.slots, vec![(0, 0.0); BUCKETS * (room + SKEW)]);
+        self.room = room;
+        for (bucket, &length) in self.lengths.iter().enumerate().filter(|b| *b.1 > 0) {
+            self.slots[bucket * (room + SKEW)..][..length].copy_from_slice(&slots[bucket * old..][..length]);
+        }
     }
 
     /// Adds a vertex. The distance must be finite and not negative.
-    #[inline(always)]
     pub(super) fn push(&mut self, distance: f64, vertex: u32) {
-        let bucket = self.bucket(distance);
-        self.occupied |= 1 << bucket;
-        self.buckets[bucket].push((vertex, distance));
+        self.offer(std::iter::once((distance, vertex, true)));
+    }
+
+    /// Adds those of at most [`TOGETHER`] vertices, after their distances, that are marked. All are written down, and the mark moves the end:
+    /// half of the branches would be guessed wrong.
+    #[inline(always)]
+    pub(super) fn offer(&mut self, vertices: impl Iterator<Item = (f64, u32, bool)>) {
+        let (density, stride, most) = (self.density, self.room + SKEW, self.room - TOGETHER);
+        let (slots, lengths) = (self.slots.as_mut_slice(), &mut self.lengths);
+        let (mut occupied, mut full) = (self.occupied, false);
+        for (distance, vertex, wanted) in vertices {
+            let bucket = bucket(distance, density);
+            let length = &mut lengths[bucket];
+            slots[bucket * stride + *length] = (vertex, distance);
+            *length += usize::from(wanted);
+            occupied |= u64::from(wanted) << bucket;
+            full |= *length > most;
+        }
+        self.occupied = occupied;
+        if full {
+            self.grow();
+        }
     }
 
     /// Moves on to the next bucket with vertices; false if there is none.
@@ -127,23 +120,39 @@ impl Front {
         self.occupied != 0
     }
 
+    fn waiting(&self, bucket: usize) -> &[Waiting] {
+        &self.slots[bucket * (self.room + SKEW)..][..self.lengths[bucket]]
+    }
+
     /// Visits all that wait.
     pub(super) fn for_each(&self, mut visit: impl FnMut(u32)) {
         let mut left = self.occupied;
         while left != 0 {
-            self.buckets[left.trailing_zeros() as usize].iter().for_each(|e| visit(e.0));
+            self.waiting(left.trailing_zeros() as usize).iter().for_each(|e| visit(e.0));
             left &= left - 1;
         }
     }
 
-    /// Exchanges the present bucket for an empty list; false if there was nothing in it.
+    /// Empties the present bucket, and lists those of it that are still as far as when they were pushed; false if nothing was in it.
     #[inline(always)]
-    pub(super) fn take(&mut self, round: &mut Vec<Waiting>) -> bool {
-        round.clear();
-        std::mem::swap(round, &mut self.buckets[self.at]);
+    pub(super) fn take(&mut self, distance: &[f64], list: &mut Vec<Waiting>) -> bool {
+        let bucket = self.waiting(self.at);
+        let (any, mut end) = (!bucket.is_empty(), 0);
+        list.resize(bucket.len(), (0, 0.0));
+        for &entry in bucket {
+            list[end] = entry;
+            end += usize::from(entry.1 == distance[entry.0 as usize]);
+        }
+        list.truncate(end);
+        self.lengths[self.at] = 0;
         self.occupied &= !(1 << self.at);
-        !round.is_empty()
+        any
     }
+}
+
+#[inline(always)]
+fn bucket(distance: f64, density: f64) -> usize {
+    (distance * density + ROUND).to_bits() as usize % BUCKETS
 }
 
 #[cfg(test)]

@@ -1,283 +1,245 @@
-//! LDL' factorisations of A - shift I, and panel solves with both problems at once.
+//! LDL' factorisations of A - shift I by fronts (Duff & Reid 1983): dense elimination of a supernode's columns at a time.
+//!
+//! Nothing is pivoted. What a front leaves behind waits on a stack until the parent's front takes it up.
 
-use super::panel::{Row, add_multiple};
-use super::problem::Doubled;
+use super::problem::Problem;
+use super::symbolic::{CHUNK, Supernode, Symbolic, padded};
 use crate::simd::vectorised;
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
-use faer::sparse::linalg::cholesky::supernodal::SupernodalLdltRef;
-use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
-};
-use faer::sparse::linalg::{SupernodalThreshold, SymbolicSupernodalParams};
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
-use faer::{Par, Side, Spec};
 
-/// What all shifts share: the fill.
-pub(super) struct Factoriser<'a> {
-    problem: &'a Doubled,
-    pattern: SymbolicSparseColMat<usize>,
-    symbolic: SymbolicCholesky<usize>,
+type Chunk = [f64; CHUNK];
+
+/// Rows of a factor that go through a solve together.
+pub(super) const TOGETHER: usize = 4;
+
+/// L and D^-1, laid out for solves.
+#[derive(Default)]
+pub(super) struct Factor {
+    /// Per supernode and group of up to [`TOGETHER`] columns: the rows from the group's first column on, as many entries to a row as the
+    /// group has columns. In the rows of the columns themselves only what is below the diagonal counts.
+    pub values: Vec<f64>,
+    pub inverse_pivots: Vec<f64>,
 }
 
-/// Eigenvalues below a shift, zero included.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Counts {
-    pub neumann: usize,
-    pub dirichlet: usize,
+/// Memory for factorisations, kept from one to the next.
+#[derive(Default)]
+pub(super) struct Fronts {
+    front: Vec<Chunk>,
+    /// Lower triangles, by columns, of what finished fronts leave behind.
+    stack: Vec<f64>,
+    /// The supernodes on the stack.
+    waiting: Vec<usize>,
+    multipliers: Vec<f64>,
+    pivots: Vec<f64>,
 }
 
-/// The numbers of a factorisation, supernode by supernode.
-pub(super) struct Numbers<'a> {
-    factoriser: &'a Factoriser<'a>,
-    values: Vec<f64>,
-}
-
-impl<'a> Factoriser<'a> {
-    /// `None` if memory ran out.
-    pub fn new(problem: &'a Doubled) -> Option<Self> {
-        let n = problem.n();
-        let pattern = |starts: &[usize], rows: &[usize]| {
-            SymbolicSparseColMat::new_checked(n, n, starts.to_vec(), None, rows.to_vec())
-        };
-        let params = CholeskySymbolicParams {
-            supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
-            // Merging small supernodes costs some fill, and pays in every solve.
-            supernodal_params: SymbolicSupernodalParams { relax: Some(&[(4, 0.5), (16, 0.2), (48, 0.05)]) },
-            ..Default::default()
-        };
-        // faer 0.24 analyses the upper triangle when it does not permute, whatever the side.
-        let upper = pattern(&problem.upper_starts, &problem.upper_rows);
-        let symbolic =
-            factorize_symbolic_cholesky(upper.as_ref(), Side::Upper, SymmetricOrdering::Identity, params).ok()?;
-        Some(Self { problem, pattern: pattern(&problem.starts, &problem.rows), symbolic })
+impl Factor {
+    /// Numbers that it has memory for.
+    pub fn capacity(&self) -> usize {
+        self.values.capacity() + self.inverse_pivots.capacity()
     }
 
-    /// The factorisation of A - shift I without pivoting; `None` if it breaks down.
-    pub fn factor(&'a self, shift: f64) -> Option<Numbers<'a>> {
-        let entries = self.problem.shifted(shift);
-        let matrix = SparseColMatRef::new(self.pattern.as_ref(), &entries);
-        let mut values = vec![0.0; self.symbolic.len_val()];
-        let scratch = self.symbolic.factorize_numeric_ldlt_scratch::<f64>(Par::Seq, Spec::default());
-        let mut memory = MemBuffer::try_new(scratch).ok()?;
-        let (plain, stack) = (LdltRegularization::default(), MemStack::new(&mut memory));
-        self.symbolic
-            .factorize_numeric_ldlt(&mut values, matrix, Side::Lower, plain, Par::Seq, stack, Spec::default())
-            .ok()?;
-        let numbers = Numbers { factoriser: self, values };
-        // Overflow shows as pivots that are not finite.
-        let sound = numbers.pivots().all(|p| p.is_finite() && p != 0.0);
-        sound.then_some(numbers)
+    /// Factors A - shift I; the number of eigenvalues below the shift, or `None` if it breaks down.
+    pub fn compute(
+        &mut self,
+        symbolic: &Symbolic,
+        problem: &Problem,
+        shift: f64,
+        fronts: &mut Fronts,
+    ) -> Option<usize> {
+        self.values.clear();
+        self.values.reserve(symbolic.values);
+        fronts.run(symbolic, problem, shift, Some(&mut self.values))?;
+        self.inverse_pivots.clear();
+        self.inverse_pivots.extend(fronts.pivots.iter().map(|p| 1.0 / p));
+        Some(fronts.negative())
     }
 }
 
-impl Numbers<'_> {
-    fn supernodes(&self) -> Option<SupernodalLdltRef<'_, usize, f64>> {
-        match self.factoriser.symbolic.raw() {
-            SymbolicCholeskyRaw::Supernodal(symbolic) => Some(SupernodalLdltRef::new(symbolic, &self.values)),
-            SymbolicCholeskyRaw::Simplicial(_) => None, // never, as supernodes are forced
-        }
+impl Fronts {
+    /// Numbers that there is memory for.
+    pub fn capacity(&self) -> usize {
+        CHUNK * self.front.capacity() + self.stack.capacity()
     }
 
-    /// The diagonal of D in elimination order.
-    fn pivots(&self) -> impl Iterator<Item = f64> {
-        let factor = self.supernodes();
-        let count = factor.map_or(0, |f| f.symbolic().n_supernodes());
-        (0..count).filter_map(move |s| Some(factor?.supernode(s).val())).flat_map(|block| {
-            let column = move |j: usize| block[(j, j)];
-            (0..block.ncols()).map(column)
-        })
+    /// The number of eigenvalues below a shift, or `None` if its factorisation breaks down.
+    pub fn count(&mut self, symbolic: &Symbolic, problem: &Problem, shift: f64) -> Option<usize> {
+        self.run(symbolic, problem, shift, None)?;
+        Some(self.negative())
     }
 
-    /// How many eigenvalues of each problem are below the shift: by Sylvester's law of inertia the number of negative pivots, of
-    /// all and of the leading block.
-    pub fn counts(&self) -> Counts {
-        let interior = self.factoriser.problem.interior;
-        let mut counts = Counts { neumann: 0, dirichlet: 0 };
-        for (i, pivot) in self.pivots().enumerate().filter(|(_, pivot)| *pivot < 0.0) {
-            debug_assert!(pivot < 0.0);
-            counts.neumann += 1;
-            counts.dirichlet += usize::from(i < interior);
-        }
-        counts
+    /// The number of negative pivots: by Sylvester's law of inertia that of eigenvalues below the shift, zero included.
+    fn negative(&self) -> usize {
+        self.pivots.iter().filter(|p| **p < 0.0).count()
     }
 
-    /// Rearranged for panel solves.
-    pub fn packed(&self) -> Packed {
-        let interior = self.factoriser.problem.interior;
-        let n = self.factoriser.problem.n();
-        let mut packed =
-            Packed { interior, nodes: Vec::new(), rows: Vec::new(), values: Vec::new(), inverse: vec![0.0; n] };
-        let Some(factor) = self.supernodes() else { return packed };
-        for s in 0..factor.symbolic().n_supernodes() {
-            let node = factor.supernode(s);
-            let (block, start) = (node.val(), node.start());
-            let end = start + block.ncols();
-            for j in 0..block.ncols() {
-                packed.inverse[start + j] = 1.0 / block[(j, j)];
-            }
-            // A supernode on both sides of the divide becomes two.
-            let divide = interior.clamp(start, end);
-            for columns in [start..divide, divide..end].into_iter().filter(|c| !c.is_empty()) {
-                let below = columns.end..end;
-                packed.nodes.push(Node {
-                    begin: columns.start,
-                    end: columns.end,
-                    rows: packed.rows.len(),
-                    values: packed.values.len(),
-                });
-                packed.rows.extend(below.map(|r| r as u32).chain(node.pattern().iter().map(|&r| r as u32)));
-                for r in columns.start - start..block.nrows() {
-                    let entry = |c: usize| if r > c { block[(r, c)] } else { 0.0 };
-                    packed.values.extend((columns.start - start..columns.end - start).map(entry));
-                }
-            }
-        }
-        packed
-    }
-}
-
-struct Node {
-    /// The columns.
-    begin: usize,
-    end: usize,
-    /// Where its row indices and its values begin.
-    rows: usize,
-    values: usize,
-}
-
-/// A supernode of L, and the rows of a panel that it meets.
-struct Parts<'a, const L: usize> {
-    width: usize,
-    /// The column after its last.
-    end: usize,
-    rows: &'a [u32],
-    triangle: &'a [f64],
-    below: &'a [f64],
-    /// The panel's rows of its columns, and all after them.
-    top: &'a mut [Row<L>],
-    tail: &'a mut [Row<L>],
-}
-
-/// L by supernodes, each stored by rows: first the unit lower triangle, then a row for each later row that it touches.
-pub(super) struct Packed {
-    interior: usize,
-    nodes: Vec<Node>,
-    rows: Vec<u32>,
-    values: Vec<f64>,
-    /// Reciprocals of D.
-    inverse: Vec<f64>,
-}
-
-impl Packed {
-    /// Replaces x by the solution; the lanes of `inner` belong to the Dirichlet problem: they are zero on the boundary.
-    pub fn solve<const L: usize>(&self, x: &mut [Row<L>], inner: std::ops::Range<usize>) {
+    /// All pivots, and L if there is a place for it; `None` if it breaks down.
+    fn run(
+        &mut self,
+        symbolic: &Symbolic,
+        problem: &Problem,
+        shift: f64,
+        mut values: Option<&mut Vec<f64>>,
+    ) -> Option<()> {
+        self.stack.clear();
+        self.waiting.clear();
+        self.pivots.clear();
+        self.front.resize(symbolic.largest / CHUNK, [0.0; CHUNK]);
         vectorised(
             #[inline(always)]
             || {
-                for node in 0..self.nodes.len() {
-                    self.forward(node, x);
-                }
-                for row in &mut x[self.interior..] {
-                    row[inner.clone()].fill(0.0);
-                }
-                for (row, inverse) in x.iter_mut().zip(&self.inverse) {
-                    for lane in row {
-                        *lane *= inverse;
+                for s in 0..symbolic.nodes.len() {
+                    let (width, height) = (symbolic.nodes[s].width(), symbolic.height(s));
+                    self.assemble(symbolic, problem, s, shift);
+                    self.eliminate(width, height)?;
+                    if let Some(values) = &mut values {
+                        self.keep(width, height, values);
                     }
+                    self.stack_rest(width, height);
+                    self.waiting.push(s);
                 }
-                for node in (0..self.nodes.len()).rev() {
-                    self.backward(node, x);
-                }
+                Some(())
             },
-        );
+        )
     }
 
+    /// The supernode's front: its entries of the matrix, and what its children left.
     #[inline(always)]
-    fn parts<'a, const L: usize>(&'a self, at: usize, x: &'a mut [Row<L>]) -> Parts<'a, L> {
-        let node = &self.nodes[at];
-        let (rows, values) =
-            self.nodes.get(at + 1).map_or((self.rows.len(), self.values.len()), |next| (next.rows, next.values));
-        let width = node.end - node.begin;
-        let (triangle, below) = self.values[node.values..values].split_at(width * width);
-        let (head, tail) = x.split_at_mut(node.end);
-        Parts {
-            width,
-            end: node.end,
-            rows: &self.rows[node.rows..rows],
-            triangle,
-            below,
-            top: &mut head[node.begin..],
-            tail,
+    fn assemble(&mut self, symbolic: &Symbolic, problem: &Problem, s: usize, shift: f64) {
+        let Supernode { begin, end, children, .. } = symbolic.nodes[s];
+        let height = symbolic.height(s);
+        let pitch = padded(height);
+        let chunks = &mut self.front[..height * pitch / CHUNK];
+        for (j, column) in chunks.chunks_exact_mut(pitch / CHUNK).enumerate() {
+            column[j / CHUNK..].fill([0.0; CHUNK]);
         }
-    }
-
-    #[inline(always)]
-    fn forward<const L: usize>(&self, at: usize, x: &mut [Row<L>]) {
-        let Parts { width, end, rows, triangle, below, top, tail } = self.parts(at, x);
-        for r in 1..width {
-            let (done, rest) = top.split_at_mut(r);
-            let mut sum = rest[0];
-            for (value, x) in triangle[r * width..r * width + r].iter().zip(done) {
-                add_multiple(&mut sum, -value, x);
+        let front = chunks.as_flattened_mut();
+        for (j, column) in front.chunks_exact_mut(pitch).take(end - begin).enumerate() {
+            column[j] = problem.diagonal[begin + j] - shift;
+            let entries = problem.starts[begin + j] as usize..problem.starts[begin + j + 1] as usize;
+            for (&at, &entry) in symbolic.in_front[entries.clone()].iter().zip(&problem.entries[entries]) {
+                column[at as usize] += entry;
             }
-            rest[0] = sum;
         }
-        let top = &*top;
-        let (quads, rest) = rows.as_chunks::<4>();
-        for (q, quad) in quads.iter().enumerate() {
-            let target = quad.map(|r| r as usize - end);
-            let mut sums = target.map(|t| tail[t]);
-            let lines: [&[f64]; 4] = std::array::from_fn(|r| &below[(4 * q + r) * width..][..width]);
-            for (c, x) in top.iter().enumerate() {
-                for r in 0..4 {
-                    add_multiple(&mut sums[r], -lines[r][c], x);
+        // The last child is on top of the stack.
+        for child in self.waiting.drain(self.waiting.len() - children..).rev() {
+            let places = &symbolic.in_parent[symbolic.range(child)];
+            let size = places.len() * (places.len() + 1) / 2;
+            let top = self.stack.len() - size;
+            let mut rest = &self.stack[top..];
+            for (k, &column) in places.iter().enumerate() {
+                let (now, later) = rest.split_at(places.len() - k);
+                rest = later;
+                let column = &mut front[column as usize * pitch..][..pitch];
+                for (&at, &x) in places[k..].iter().zip(now) {
+                    column[at as usize] += x;
                 }
             }
-            for r in 0..4 {
-                tail[target[r]] = sums[r];
-            }
-        }
-        for (r, &row) in rest.iter().enumerate() {
-            let line = &below[(4 * quads.len() + r) * width..][..width];
-            let mut sum = tail[row as usize - end];
-            for (value, x) in line.iter().zip(top) {
-                add_multiple(&mut sum, -value, x);
-            }
-            tail[row as usize - end] = sum;
+            self.stack.truncate(top);
         }
     }
 
+    /// Eliminates the first `width` columns of a front; `None` if a pivot vanishes or overflows.
     #[inline(always)]
-    fn backward<const L: usize>(&self, at: usize, x: &mut [Row<L>]) {
-        let Parts { width, end, rows, triangle, below, top, tail } = self.parts(at, x);
+    fn eliminate(&mut self, width: usize, height: usize) -> Option<()> {
+        let pitch = padded(height) / CHUNK;
+        // The multiples of earlier columns that are subtracted from a column: what is left of its row, times the pivots.
+        let (first, multipliers) = (self.pivots.len(), &mut self.multipliers);
+        for j in 0..height {
+            let known = j.min(width);
+            let (done, rest) = self.front.split_at_mut(j * pitch);
+            multipliers.clear();
+            for (c, pivot) in self.pivots[first..first + known].iter().enumerate() {
+                multipliers.push(done[c * pitch + j / CHUNK][j % CHUNK] * pivot);
+            }
+            let from = j / CHUNK;
+            let target = &mut rest[from..pitch];
+            subtract_columns(target, done, pitch, from, multipliers);
+            if j < width {
+                let pivot = target[0][j % CHUNK];
+                let inverse = 1.0 / pivot;
+                if !inverse.is_finite() || inverse == 0.0 {
+                    return None;
+                }
+                self.pivots.push(pivot);
+                for x in target.as_flattened_mut() {
+                    *x *= inverse;
+                }
+            }
+        }
+        Some(())
+    }
+
+    /// Appends the eliminated columns in the order of solves.
+    #[inline(always)]
+    fn keep(&self, width: usize, height: usize, values: &mut Vec<f64>) {
+        let (front, pitch) = (self.front.as_flattened(), padded(height));
         let mut c = 0;
-        while c + 4 <= width {
-            let mut sums: [Row<L>; 4] = std::array::from_fn(|i| top[c + i]);
-            for (&row, line) in rows.iter().zip(below.chunks_exact(width)) {
-                let x = tail[row as usize - end];
-                let line = &line[c..c + 4];
-                for i in 0..4 {
-                    add_multiple(&mut sums[i], -line[i], &x);
-                }
-            }
-            top[c..c + 4].copy_from_slice(&sums);
-            c += 4;
-        }
-        for c in c..width {
-            let mut sum = top[c];
-            for (&row, line) in rows.iter().zip(below.chunks_exact(width)) {
-                add_multiple(&mut sum, -line[c], &tail[row as usize - end]);
-            }
-            top[c] = sum;
-        }
-        for c in (0..width).rev() {
-            let (head, done) = top.split_at_mut(c + 1);
-            let mut sum = head[c];
-            for (i, x) in done.iter().enumerate() {
-                add_multiple(&mut sum, -triangle[(c + 1 + i) * width + c], x);
-            }
-            head[c] = sum;
+        while c < width {
+            let columns = &front[c * pitch + c..];
+            c += match width - c {
+                TOGETHER.. => interleave::<TOGETHER>(columns, pitch, height - c, values),
+                2.. => interleave::<2>(columns, pitch, height - c, values),
+                _ => interleave::<1>(columns, pitch, height - c, values),
+            };
         }
     }
+
+    #[inline(always)]
+    fn stack_rest(&mut self, width: usize, height: usize) {
+        let (front, pitch) = (self.front.as_flattened(), padded(height));
+        for j in width..height {
+            self.stack.extend_from_slice(&front[j * pitch + j..j * pitch + height]);
+        }
+    }
+}
+
+/// Appends C columns of this height row by row; C.
+#[inline(always)]
+fn interleave<const C: usize>(columns: &[f64], pitch: usize, height: usize, values: &mut Vec<f64>) -> usize {
+    let from = values.len();
+    values.resize(from + C * height, 0.0);
+    let columns: [&[f64]; C] = std::array::from_fn(|i| &columns[i * pitch..][..height]);
+    for (r, row) in values[from..].as_chunks_mut::<C>().0.iter_mut().enumerate() {
+        for i in 0..C {
+            row[i] = columns[i][r];
+        }
+    }
+    C
+}
+
+/// Subtracts multiples of columns from a column, from chunk `from` on.
+#[inline(always)]
+fn subtract_columns(target: &mut [Chunk], columns: &[Chunk], pitch: usize, from: usize, multipliers: &[f64]) {
+    let mut at = 0;
+    while at < target.len() {
+        let (rest, begin) = (&mut target[at..], from + at);
+        at += match rest.len() {
+            4.. => subtract::<4>(rest, columns, pitch, begin, multipliers),
+            2.. => subtract::<2>(rest, columns, pitch, begin, multipliers),
+            _ => subtract::<1>(rest, columns, pitch, begin, multipliers),
+        };
+    }
+}
+
+/// The same for C chunks, which stay in registers; C.
+#[inline(always)]
+fn subtract<const C: usize>(
+    target: &mut [Chunk],
+    columns: &[Chunk],
+    pitch: usize,
+    begin: usize,
+    multipliers: &[f64],
+) -> usize {
+    let mut sums = [[0.0; CHUNK]; C];
+    sums.copy_from_slice(&target[..C]);
+    for (multiplier, column) in multipliers.iter().zip(columns.chunks_exact(pitch)) {
+        let column = &column[begin..begin + C];
+        for c in 0..C {
+            for l in 0..CHUNK {
+                sums[c][l] = (-multiplier).mul_add(column[c][l], sums[c][l]);
+            }
+        }
+    }
+    target[..C].copy_from_slice(&sums);
+    C
 }

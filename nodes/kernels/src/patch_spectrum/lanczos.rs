@@ -1,10 +1,13 @@
-//! Block Lanczos on (A - shift I)^-1, for the Neumann and the Dirichlet problem side by side in the lanes of one panel.
-//!
-//! Both share the factorisation, so one pass over it advances both. Bases are reorthogonalised in full; they stay in cache.
+//! Block Lanczos on (A - shift I)^-1. Bases are reorthogonalised in full; they stay in cache.
 
-use super::factor::Packed;
-use super::panel::{Block, Row, add_multiple, inner, multiply, subtract};
-use super::problem::Doubled;
+use super::factor::Factor;
+use super::panel::{
+    Block, Group, ROWS, Row, add_multiple, gram, groups, groups_mut, inner, multiply, size, subtract, to_groups,
+    to_rows,
+};
+use super::problem::Problem;
+use super::solve::solve;
+use super::symbolic::Symbolic;
 use super::tridiagonal;
 use crate::random::Random;
 use crate::simd::vectorised;
@@ -26,42 +29,48 @@ pub(super) struct Ritz {
     pub error: f64,
 }
 
-/// The run: L lanes, B to a problem; with L = B there is no Dirichlet problem.
-pub(super) struct Lanczos<'a, const L: usize, const B: usize> {
-    problem: &'a Doubled,
-    factor: &'a Packed,
+/// The run, with panels of B vectors.
+pub(super) struct Lanczos<'a, const B: usize> {
+    problem: &'a Problem,
+    symbolic: &'a Symbolic,
+    factor: &'a Factor,
     shift: f64,
-    /// Relative error of known solutions.
+    /// Relative error of a known solution.
     solve_error: f64,
-    basis: Vec<Vec<Row<L>>>,
-    /// Diagonal blocks of the projections, and the triangular blocks below them.
-    diagonal: Vec<Block<L, B>>,
-    below: Vec<Block<L, B>>,
+    /// The panels one after the other.
+    basis: &'a mut Vec<f64>,
+    /// The present one by rows.
+    rows: Vec<Row<B>>,
+    /// Diagonal blocks of the projection, and the triangular blocks below them.
+    diagonal: Vec<Block<B>>,
+    below: Vec<Block<B>>,
 }
 
-impl<'a, const L: usize, const B: usize> Lanczos<'a, L, B> {
+impl<'a, const B: usize> Lanczos<'a, B> {
     /// A run from random vectors; `None` if the factorisation is not accurate.
-    pub fn new(problem: &'a Doubled, factor: &'a Packed, shift: f64, seed: u64) -> Option<Self> {
-        let (basis, diagonal, below) = (Vec::new(), Vec::new(), Vec::new());
-        let mut run = Self { problem, factor, shift, solve_error: 0.0, basis, diagonal, below };
-        run.solve_error = run.known_solutions();
+    pub fn new(
+        problem: &'a Problem,
+        symbolic: &'a Symbolic,
+        factor: &'a Factor,
+        basis: &'a mut Vec<f64>,
+        shift: f64,
+        seed: u64,
+    ) -> Option<Self> {
+        let (rows, diagonal, below) = (vec![[0.0; B]; problem.n()], Vec::new(), Vec::new());
+        basis.clear();
+        let mut run = Self { problem, symbolic, factor, shift, solve_error: 0.0, basis, rows, diagonal, below };
+        run.solve_error = run.known_solution();
         if run.solve_error.is_nan() || run.solve_error > ACCURACY {
             return None;
         }
         let mut random = Random::new(&[seed]);
-        let mut start: Vec<Row<L>> = problem.root.iter().map(|_| std::array::from_fn(|_| random.signed())).collect();
-        for row in &mut start[problem.interior..] {
-            row[Self::inner_lanes()].fill(0.0);
+        for row in &mut run.rows {
+            *row = std::array::from_fn(|_| random.signed());
         }
-        run.remove_null(&mut start);
-        let scale = norms::<L, B>(&inner::<L, B>(&start, &start));
-        Self::orthonormalise(&mut start, &scale);
-        run.basis.push(start);
+        let start = run.append();
+        let scale = norms(&gram::<B>(start));
+        orthonormalise(start, &scale);
         Some(run)
-    }
-
-    fn inner_lanes() -> std::ops::Range<usize> {
-        B..L
     }
 
     /// Panels so far.
@@ -74,104 +83,70 @@ impl<'a, const L: usize, const B: usize> Lanczos<'a, L, B> {
         self.solve_error * (value - self.shift).abs() / value
     }
 
-    /// How well the factorisation returns two known solutions, relative to them: the null vector, and its leading part.
-    fn known_solutions(&self) -> f64 {
-        let (root, interior) = (&self.problem.root, self.problem.interior);
-        let pull = self.problem.boundary_pull();
-        let mut x: Vec<Row<L>> = root.iter().map(|u| [-self.shift * u; L]).collect();
-        for (row, pull) in x.iter_mut().zip(&pull) {
-            for lane in &mut row[Self::inner_lanes()] {
-                *lane += pull;
-            }
+    /// How well the factorisation returns a known solution, relative to it: the null vector, or what of it is in the problem.
+    fn known_solution(&self) -> f64 {
+        let Problem { root, pull, .. } = self.problem;
+        let mut x: Vec<Row<1>> = root.iter().zip(pull).map(|(u, pull)| [pull - self.shift * u]).collect();
+        solve(self.symbolic, self.factor, &mut x);
+        let (mut error, mut size) = (0.0, 0.0);
+        for (x, u) in x.iter().zip(root) {
+            error += (x[0] - u) * (x[0] - u);
+            size += u * u;
         }
-        self.factor.solve(&mut x, Self::inner_lanes());
-        let mut errors = [0.0; L];
-        let mut sizes = [0.0; L];
-        for (i, (row, u)) in x.iter().zip(root).enumerate() {
-            for l in 0..L {
-                let known = if l < B || i < interior { *u } else { 0.0 };
-                errors[l] += (row[l] - known) * (row[l] - known);
-                sizes[l] += known * known;
-            }
-        }
-        let relative = |l: usize| if sizes[l] > 0.0 { (errors[l] / sizes[l]).sqrt() } else { 0.0 };
-        (0..L).map(relative).fold(0.0, |m, x| if x > m || x.is_nan() { x } else { m })
+        (error / size).sqrt()
     }
 
-    /// Takes the constants out of the Neumann lanes.
-    fn remove_null(&self, w: &mut [Row<L>]) {
-        vectorised(
-            #[inline(always)]
-            || {
-                let mut along = [0.0; L];
-                for (row, u) in w.iter().zip(&self.problem.root) {
-                    add_multiple(&mut along, *u, row);
-                }
-                let mut negated = along.map(|x| -x);
-                negated[Self::inner_lanes()].fill(0.0);
-                for (row, u) in w.iter_mut().zip(&self.problem.root) {
-                    add_multiple(row, *u, &negated);
-                }
-            },
-        );
+    /// Appends the rows to the basis, without the null vector: the new panel.
+    fn append(&mut self) -> &mut [Group<B>] {
+        remove_null(self.problem, &mut self.rows);
+        let from = self.basis.len();
+        self.basis.resize(from + size::<B>(self.rows.len()), 0.0);
+        let panel = groups_mut(&mut self.basis[from..]);
+        to_groups(&self.rows, panel);
+        panel
     }
 
     /// One more panel.
     pub fn step(&mut self) {
-        let j = self.diagonal.len();
-        let mut w = self.basis[j].clone();
-        self.factor.solve(&mut w, Self::inner_lanes());
-        self.remove_null(&mut w);
-        let before = norms::<L, B>(&inner::<L, B>(&w, &w));
+        let (j, size) = (self.diagonal.len(), size::<B>(self.problem.n()));
+        to_rows(groups(&self.basis[j * size..]), &mut self.rows);
+        solve::<B>(self.symbolic, self.factor, &mut self.rows);
+        self.append();
+        let (done, w) = self.basis.split_at_mut((j + 1) * size);
+        let (done, w): (Vec<&[Group<B>]>, _) = (done.chunks_exact(size).map(groups).collect(), groups_mut(w));
+        let before = norms(&gram::<B>(w));
         // Against all: the recurrence alone, against the last two, loses orthogonality as soon as a value converges.
-        let mut along = [[0.0; L]; B];
+        let mut along = [[0.0; B]; B];
         let mut passes = 0;
         loop {
-            let coefficients: Vec<Block<L, B>> = self.basis.iter().map(|q| inner::<L, B>(q, &w)).collect();
-            for (q, c) in self.basis.iter().zip(&coefficients) {
-                subtract::<L, B>(&mut w, q, c);
-            }
+            let coefficients = inner(&done, w);
+            subtract(w, &done, &coefficients);
             for i in 0..B {
-                for l in 0..L {
+                for l in 0..B {
                     along[i][l] += coefficients[j][i][l];
                 }
             }
             passes += 1;
-            let after = norms::<L, B>(&inner::<L, B>(&w, &w));
-            if passes == 2 || (0..L).all(|l| after[l] >= SHRUNK * before[l]) {
+            let after = norms(&gram::<B>(w));
+            if passes == 2 || (0..B).all(|l| after[l] >= SHRUNK * before[l]) {
                 break;
             }
         }
         self.diagonal.push(along);
-        self.below.push(Self::orthonormalise(&mut w, &before));
-        self.basis.push(w);
+        self.below.push(orthonormalise(w, &before));
     }
 
-    /// Replaces each problem's vectors by an orthonormal basis, by Cholesky QR, twice; returns the triangular factor. Vectors that
-    /// are nothing but rounding error, against their norms `before`, become zero: zero vectors stay zero and harm nobody.
-    fn orthonormalise(w: &mut [Row<L>], before: &[f64; L]) -> Block<L, B> {
-        let mut product: Option<Block<L, B>> = None;
-        for pass in 0..2 {
-            let gram = inner::<L, B>(w, w);
-            let floor = if pass == 0 { before.map(|x| x * EXHAUSTED) } else { [0.0; L] };
-            let (upper, inverse) = cholesky::<L, B>(&gram, &floor);
-            multiply::<L, B>(w, &inverse);
-            product = Some(product.map_or(upper, |former| block_product::<L, B>(&upper, &former)));
-        }
-        product.unwrap_or([[0.0; L]; B])
-    }
-
-    /// The operator on a problem's basis, a band matrix in full.
-    fn projection(&self, which: usize) -> Vec<f64> {
-        let (steps, m, lane) = (self.steps(), self.steps() * B, which * B);
+    /// The operator on the basis, a band matrix in full.
+    fn projection(&self) -> Vec<f64> {
+        let (steps, m) = (self.steps(), self.steps() * B);
         let mut t = vec![0.0; m * m];
         for j in 0..steps {
             for i in 0..B {
                 for k in 0..B {
-                    let symmetric = 0.5 * (self.diagonal[j][i][lane + k] + self.diagonal[j][k][lane + i]);
+                    let symmetric = 0.5 * (self.diagonal[j][i][k] + self.diagonal[j][k][i]);
                     t[(j * B + i) * m + j * B + k] = symmetric;
                     if j + 1 < steps {
-                        let value = self.below[j][i][lane + k];
+                        let value = self.below[j][i][k];
                         t[((j + 1) * B + i) * m + j * B + k] = value;
                         t[(j * B + k) * m + (j + 1) * B + i] = value;
                     }
@@ -181,16 +156,16 @@ impl<'a, const L: usize, const B: usize> Lanczos<'a, L, B> {
         t
     }
 
-    /// The Ritz values of a problem (0: Neumann, 1: Dirichlet), ascending; only positive ones. `None` if the small problem fails.
-    pub fn ritz(&self, which: usize) -> Option<Vec<Ritz>> {
-        let (steps, m, lane) = (self.steps(), self.steps() * B, which * B);
-        let mut t = self.projection(which);
+    /// The Ritz values, ascending; only positive ones. `None` if the small problem fails.
+    pub fn ritz(&self) -> Option<Vec<Ritz>> {
+        let (steps, m) = (self.steps(), self.steps() * B);
+        let mut t = self.projection();
         let mut tails: Vec<Vec<f64>> =
             (0..B).map(|i| (0..m).map(|c| f64::from(u8::from(c == m - B + i))).collect()).collect();
         let inverses = tridiagonal::eigenvalues(&mut t, m, &mut tails)?;
         let last = &self.below[steps - 1];
         let residual = |c: usize| {
-            let component = |i: usize| (0..B).map(|k| last[i][lane + k] * tails[k][c]).sum::<f64>();
+            let component = |i: usize| (0..B).map(|k| last[i][k] * tails[k][c]).sum::<f64>();
             (0..B).map(|i| component(i).powi(2)).sum::<f64>()
         };
         let squares: Vec<f64> = (0..m).map(residual).collect();
@@ -207,15 +182,13 @@ impl<'a, const L: usize, const B: usize> Lanczos<'a, L, B> {
         all.sort_by(|a, b| a.value.total_cmp(&b.value));
         Some(all)
     }
-}
 
-impl<const L: usize, const B: usize> Lanczos<'_, L, B> {
-    /// The Rayleigh quotients of a problem's `count` lowest positive Ritz values, from differences along edges. Where triangles are
-    /// slivers, the entries of A are so large that their rounding hides low eigenvalues; these do not see it.
-    pub fn rayleigh_quotients(&self, which: usize, count: usize) -> Option<Vec<f64>> {
+    /// The Rayleigh quotients of the `count` lowest positive Ritz values, from differences along edges. Where triangles are slivers, the
+    /// entries of A are so large that their rounding hides low eigenvalues; these do not see it.
+    pub fn rayleigh_quotients(&self, count: usize) -> Option<Vec<f64>> {
         let m = self.steps() * B;
         let mut rows: Vec<Vec<f64>> = (0..m).map(|i| (0..m).map(|c| f64::from(u8::from(c == i))).collect()).collect();
-        let inverses = tridiagonal::eigenvalues(&mut self.projection(which), m, &mut rows)?;
+        let inverses = tridiagonal::eigenvalues(&mut self.projection(), m, &mut rows)?;
         let mut order: Vec<(f64, usize)> =
             inverses.iter().enumerate().map(|(c, inverse)| (self.shift + 1.0 / inverse, c)).collect();
         order.retain(|o| o.0 > 0.0 && o.0.is_finite());
@@ -223,15 +196,51 @@ impl<const L: usize, const B: usize> Lanczos<'_, L, B> {
         let quotient = |&(_, c): &(f64, usize)| {
             let coefficients: Vec<f64> = rows.iter().map(|row| row[c]).collect();
             let mut y = vec![0.0; self.problem.n()];
-            for (q, s) in self.basis.iter().zip(coefficients.chunks_exact(B)) {
-                for (y, row) in y.iter_mut().zip(q) {
-                    *y += s.iter().zip(&row[which * B..]).map(|(s, x)| s * x).sum::<f64>();
+            let panels = self.basis.chunks_exact(size::<B>(y.len())).map(groups::<B>);
+            for (q, s) in panels.zip(coefficients.chunks_exact(B)) {
+                for (y, group) in y.chunks_mut(ROWS).zip(q) {
+                    for (r, y) in y.iter_mut().enumerate() {
+                        *y += s.iter().zip(group).map(|(s, x)| s * x[r]).sum::<f64>();
+                    }
                 }
             }
             self.problem.rayleigh_quotient(&y)
         };
         Some(order.iter().take(count).map(quotient).collect())
     }
+}
+
+/// Takes the null vector out, if there is one.
+fn remove_null<const B: usize>(problem: &Problem, w: &mut [Row<B>]) {
+    if !problem.has_null {
+        return;
+    }
+    vectorised(
+        #[inline(always)]
+        || {
+            let mut along = [0.0; B];
+            for (row, u) in w.iter().zip(&problem.root) {
+                add_multiple(&mut along, *u, row);
+            }
+            for (row, u) in w.iter_mut().zip(&problem.root) {
+                add_multiple(row, -u, &along);
+            }
+        },
+    );
+}
+
+/// Replaces the vectors by an orthonormal basis, by Cholesky QR, twice; returns the triangular factor. Vectors that are nothing but
+/// rounding error, against their norms `before`, become zero: zero vectors stay zero and harm nobody.
+fn orthonormalise<const B: usize>(w: &mut [Group<B>], before: &[f64; B]) -> Block<B> {
+    let mut product: Option<Block<B>> = None;
+    for pass in 0..2 {
+        let gram = gram(w);
+        let floor = if pass == 0 { before.map(|x| x * EXHAUSTED) } else { [0.0; B] };
+        let (upper, inverse) = cholesky(&gram, &floor);
+        multiply(w, &inverse);
+        product = Some(product.map_or(upper, |former| block_product(&upper, &former)));
+    }
+    product.unwrap_or([[0.0; B]; B])
 }
 
 /// How far Ritz value `at` may be from an eigenvalue: its residual, or the residuals squared over the distance to the other Ritz
@@ -252,34 +261,30 @@ fn error_bound(values: &[f64], squares: &[f64], at: usize) -> f64 {
     square.sqrt().min(square / gap) + f64::EPSILON * values[at].abs()
 }
 
-fn norms<const L: usize, const B: usize>(gram: &Block<L, B>) -> [f64; L] {
-    std::array::from_fn(|l| gram[l % B][l].max(0.0).sqrt())
+fn norms<const B: usize>(gram: &Block<B>) -> [f64; B] {
+    std::array::from_fn(|l| gram[l][l].max(0.0).sqrt())
 }
 
-fn block_product<const L: usize, const B: usize>(x: &Block<L, B>, y: &Block<L, B>) -> Block<L, B> {
-    std::array::from_fn(|i| std::array::from_fn(|l| (0..B).map(|k| x[i][l / B * B + k] * y[k][l]).sum()))
+fn block_product<const B: usize>(x: &Block<B>, y: &Block<B>) -> Block<B> {
+    std::array::from_fn(|i| std::array::from_fn(|l| (0..B).map(|k| x[i][k] * y[k][l]).sum()))
 }
 
-/// Upper triangular R with R'R = gram and its inverse, within each problem; columns of norm at most `floor`, or dependent on
-/// the ones before, have zeros in both.
-fn cholesky<const L: usize, const B: usize>(gram: &Block<L, B>, floor: &[f64; L]) -> (Block<L, B>, Block<L, B>) {
-    let (mut upper, mut inverse) = ([[0.0; L]; B], [[0.0; L]; B]);
-    for base in (0..L).step_by(B) {
-        for j in 0..B {
-            let lane = base + j;
+/// Upper triangular R with R'R = gram and its inverse; columns of norm at most `floor`, or dependent on the ones before, have zeros in both.
+fn cholesky<const B: usize>(gram: &Block<B>, floor: &[f64; B]) -> (Block<B>, Block<B>) {
+    let (mut upper, mut inverse) = ([[0.0; B]; B], [[0.0; B]; B]);
+    for j in 0..B {
+        for i in 0..j {
+            let known: f64 = (0..i).map(|k| upper[k][i] * upper[k][j]).sum();
+            let pivot = upper[i][i];
+            upper[i][j] = if pivot > 0.0 { (gram[i][j] - known) / pivot } else { 0.0 };
+        }
+        let square = gram[j][j] - (0..j).map(|k| upper[k][j] * upper[k][j]).sum::<f64>();
+        if square > 1e-13 * gram[j][j] && square > floor[j] * floor[j] {
+            upper[j][j] = square.sqrt();
+            inverse[j][j] = 1.0 / upper[j][j];
             for i in 0..j {
-                let known: f64 = (0..i).map(|k| upper[k][base + i] * upper[k][lane]).sum();
-                let pivot = upper[i][base + i];
-                upper[i][lane] = if pivot > 0.0 { (gram[i][lane] - known) / pivot } else { 0.0 };
-            }
-            let square = gram[j][lane] - (0..j).map(|k| upper[k][lane] * upper[k][lane]).sum::<f64>();
-            if square > 1e-13 * gram[j][lane] && square > floor[lane] * floor[lane] {
-                upper[j][lane] = square.sqrt();
-                inverse[j][lane] = 1.0 / upper[j][lane];
-                for i in 0..j {
-                    let sum: f64 = (i..j).map(|k| inverse[i][base + k] * upper[k][lane]).sum();
-                    inverse[i][lane] = -sum * inverse[j][lane];
-                }
+                let sum: f64 = (i..j).map(|k| inverse[i][k] * upper[k][j]).sum();
+                inverse[i][j] = -sum * inverse[j][j];
             }
         }
     }

@@ -1,104 +1,119 @@
-//! The patch's two problems in one matrix: A y = lambda y, A = R^-1 M R^-1 with R = (S / area)^1/2, in elimination order.
+//! The patch's two problems: A y = lambda y, A = R^-1 M R^-1 with R = (S / area)^1/2, in elimination order.
 
-use super::order::{elimination_order, inner_first};
+use super::order::{Elimination, NONE, positions};
 use crate::laplacian::Operator;
 
-/// A of the Neumann problem; that of the Dirichlet problem is its leading block.
-pub(super) struct Doubled {
-    /// Order of the Dirichlet problem: the number of inner vertices.
-    pub interior: usize,
-    /// The lower triangle by columns, the diagonal first in each.
-    pub starts: Vec<usize>,
-    pub rows: Vec<usize>,
-    /// The pattern of the upper triangle by columns, the diagonal last in each.
-    pub upper_starts: Vec<usize>,
-    pub upper_rows: Vec<usize>,
-    entries: Vec<f64>,
-    /// The diagonal of R: the Neumann problem's null vector, of norm 1.
+/// A of one problem: of all vertices (Neumann), or of the inner ones, the others being held at zero (Dirichlet).
+pub(super) struct Problem {
+    /// Whether all vertices are in it, so that `root` is the null vector, of norm 1.
+    pub has_null: bool,
+    pub diagonal: Vec<f64>,
+    /// Below the diagonal by columns, in no order.
+    pub starts: Vec<u32>,
+    pub rows: Vec<u32>,
+    pub entries: Vec<f64>,
+    /// The diagonal of R.
     pub root: Vec<f64>,
+    /// A times `root`: minus what the vertices left out pull, without cancellation.
+    pub pull: Vec<f64>,
+    /// The elimination tree and the counts of the factor's columns; of no use where [`Problem::in_any_order`] made it.
+    pub parents: Vec<u32>,
+    pub counts: Vec<u32>,
 }
 
-impl Doubled {
-    /// `interior` lists the inner vertices, ascending. With `fill` the order is one that keeps factors sparse, else any with inner
-    /// vertices first. `None` if memory ran out.
-    pub fn new(operator: &Operator, interior: &[u32], fill: bool) -> Option<Self> {
-        let matrix = &operator.stiffness;
-        let n = matrix.n();
-        let order = if fill { elimination_order(matrix, interior)? } else { inner_first(n, interior) };
-        let mut position = vec![0u32; n];
-        for (at, &row) in order.iter().enumerate() {
-            position[row as usize] = at as u32;
-        }
-        let area = operator.area();
-        let root: Vec<f64> = order.iter().map(|&row| (operator.mass[row as usize] / area).sqrt()).collect();
-        // Half of the entries and the diagonal are in either triangle.
-        let half = usize::midpoint(matrix.columns().len(), n);
-        let mut problem = Self {
-            interior: interior.len(),
-            starts: Vec::with_capacity(n + 1),
-            rows: Vec::with_capacity(half),
-            upper_starts: Vec::with_capacity(n + 1),
-            upper_rows: Vec::with_capacity(half),
-            entries: Vec::with_capacity(half),
-            root,
-        };
-        problem.starts.push(0);
-        problem.upper_starts.push(0);
-        let mut column: Vec<(u32, f64)> = Vec::new();
-        for at in 0..n {
-            column.clear();
-            column.extend(matrix.row(order[at] as usize).map(|(j, value)| (position[j], value)));
-            column.sort_unstable_by_key(|e| e.0);
-            let above = column.partition_point(|e| (e.0 as usize) < at);
-            problem.upper_rows.extend(column[..=above].iter().map(|e| e.0 as usize));
-            problem.upper_starts.push(problem.upper_rows.len());
-            for &(row, value) in &column[above..] {
-                problem.rows.push(row as usize);
-                problem.entries.push(value / (problem.root[at] * problem.root[row as usize]));
-            }
-            problem.starts.push(problem.rows.len());
-        }
-        Some(problem)
+/// The problems of a patch: one, or with inner vertices and others two.
+pub(super) fn problems(operator: &Operator, on_rim: &[bool]) -> Option<Vec<Problem>> {
+    let all = Elimination::minimum_degree(&operator.stiffness)?;
+    let inner = has_both(on_rim).then(|| all.without(&operator.stiffness, on_rim));
+    Some(std::iter::once(all).chain(inner).map(|elimination| Problem::new(operator, elimination)).collect())
+}
+
+fn has_both(on_rim: &[bool]) -> bool {
+    on_rim.contains(&true) && on_rim.contains(&false)
+}
+
+impl Problem {
+    /// The same problems, for dense solvers.
+    pub fn in_any_order(operator: &Operator, on_rim: &[bool]) -> Vec<Self> {
+        let plain = |order| Self::new(operator, Elimination { order, parents: Vec::new(), counts: Vec::new() });
+        let all = (0..on_rim.len() as u32).collect();
+        let inner = has_both(on_rim).then(|| (0..on_rim.len() as u32).filter(|&v| !on_rim[v as usize]).collect());
+        std::iter::once(all).chain(inner).map(plain).collect()
     }
 
-    /// Order of the Neumann problem.
+    fn new(operator: &Operator, elimination: Elimination) -> Self {
+        let (matrix, Elimination { order, parents, counts }) = (&operator.stiffness, elimination);
+        let n = order.len();
+        let (position, area) = (positions(matrix.n(), &order), operator.area());
+        let root_of = |row: usize| (operator.mass[row] / area).sqrt();
+        let roots: Vec<f64> = (0..matrix.n()).map(root_of).collect();
+        let half = (matrix.columns().len() - matrix.n()) / 2;
+        let mut problem = Self {
+            has_null: n == matrix.n(),
+            diagonal: Vec::with_capacity(n),
+            starts: Vec::with_capacity(n + 1),
+            rows: Vec::with_capacity(half),
+            entries: Vec::with_capacity(half),
+            root: order.iter().map(|&row| roots[row as usize]).collect(),
+            pull: Vec::with_capacity(n),
+            parents,
+            counts,
+        };
+        problem.starts.push(0);
+        for (at, &row) in order.iter().enumerate() {
+            let (own, mut pull) = (roots[row as usize], 0.0);
+            for (column, value) in matrix.row(row as usize) {
+                let (other, to) = (roots[column], position[column]);
+                if to == NONE {
+                    pull -= value / own;
+                } else if to as usize == at {
+                    problem.diagonal.push(value / (own * own));
+                } else if to as usize > at {
+                    problem.rows.push(to);
+                    problem.entries.push(value / (own * other));
+                }
+            }
+            problem.pull.push(pull);
+            problem.starts.push(problem.rows.len() as u32);
+        }
+        problem
+    }
+
+    /// The order of A.
     pub fn n(&self) -> usize {
         self.root.len()
     }
 
-    /// The entries of A - shift I.
-    pub fn shifted(&self, shift: f64) -> Vec<f64> {
-        let mut entries = self.entries.clone();
-        for &diagonal in &self.starts[..self.n()] {
-            entries[diagonal] -= shift;
-        }
-        entries
+    /// Column j below the diagonal: row and entry.
+    #[inline(always)]
+    fn column(&self, j: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+        let range = self.starts[j] as usize..self.starts[j + 1] as usize;
+        self.rows[range.clone()].iter().map(|&i| i as usize).zip(self.entries[range].iter().copied())
     }
 
-    /// The leading block of A of the given order, in full.
-    pub fn dense(&self, order: usize) -> Vec<f64> {
-        let mut a = vec![0.0; order * order];
-        for j in 0..order {
-            for p in self.starts[j]..self.starts[j + 1] {
-                let i = self.rows[p];
-                if i < order {
-                    a[i * order + j] = self.entries[p];
-                    a[j * order + i] = self.entries[p];
-                }
+    /// A in full.
+    pub fn dense(&self) -> Vec<f64> {
+        let n = self.n();
+        let mut a = vec![0.0; n * n];
+        for j in 0..n {
+            a[j * n + j] = self.diagonal[j];
+            for (i, entry) in self.column(j) {
+                a[i * n + j] = entry;
+                a[j * n + i] = entry;
             }
         }
         a
     }
 
-    /// y'Ay / y'y from differences along edges: smooth vectors lose no digits to the cancellation in rows. A Dirichlet vector is zero on
-    /// the boundary.
+    /// y'Ay / y'y from differences along edges: smooth vectors lose no digits to the cancellation in rows.
     pub fn rayleigh_quotient(&self, y: &[f64]) -> f64 {
         let v: Vec<f64> = y.iter().zip(&self.root).map(|(y, r)| y / r).collect();
         let mut energy = 0.0;
         for j in 0..self.n() {
-            for p in self.starts[j] + 1..self.starts[j + 1] {
-                let i = self.rows[p];
-                energy -= self.entries[p] * self.root[i] * self.root[j] * (v[i] - v[j]) * (v[i] - v[j]);
+            // To the vertices left out, where it is zero.
+            energy += self.pull[j] * self.root[j] * v[j] * v[j];
+            for (i, entry) in self.column(j) {
+                energy -= entry * self.root[i] * self.root[j] * (v[i] - v[j]) * (v[i] - v[j]);
             }
         }
         energy / y.iter().map(|y| y * y).sum::<f64>()
@@ -106,24 +121,7 @@ impl Doubled {
 
     /// The Frobenius norm of A.
     pub fn norm(&self) -> f64 {
-        let mut sum = 0.0;
-        for j in 0..self.n() {
-            let column = &self.entries[self.starts[j]..self.starts[j + 1]];
-            sum += 2.0 * column.iter().map(|x| x * x).sum::<f64>() - column[0] * column[0];
-        }
-        sum.sqrt()
-    }
-
-    /// What the Dirichlet matrix makes of the leading part of the null vector: minus the pull of the boundary, without cancellation.
-    pub fn boundary_pull(&self) -> Vec<f64> {
-        let mut pull = vec![0.0; self.interior];
-        for (j, pull) in pull.iter_mut().enumerate() {
-            for p in self.starts[j]..self.starts[j + 1] {
-                if self.rows[p] >= self.interior {
-                    *pull -= self.entries[p] * self.root[self.rows[p]];
-                }
-            }
-        }
-        pull
+        let squares = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>();
+        (squares(&self.diagonal) + 2.0 * squares(&self.entries)).sqrt()
     }
 }
