@@ -213,7 +213,7 @@ fn findings(places: &[(usize, usize)], results: &[Quality], wanted: usize, toler
 
 /// Inner products of vectors.
 struct Products {
-    /// Those to be removed: (higher, lower, product). Residuals are relative to the values, so the lower vector is the more accurate of the two, and all of the
+    /// Those to be removed: (higher, lower, product), or twice the same and half of what its square is too long by. Residuals are relative to the values, so the lower vector is the more accurate of the two, and all of the
     /// product is removed from the higher one.
     steps: Vec<(usize, usize, f64)>,
     /// The largest entry of |Y' Y - I| that stays.
@@ -231,8 +231,13 @@ impl Products {
         let (mut all, mut removed) = (vec![0.0; places.len()], vec![0.0; places.len()]);
         for (i, &place) in places.iter().enumerate() {
             let own = gram.get(place, place) - 1.0;
-            kept = kept.max(own.abs());
             all[i] += own * own;
+            if own.abs() > REMOVED {
+                steps.push((i, i, 0.5 * own));
+                removed[i] += 0.25 * own * own;
+            } else {
+                kept = kept.max(own.abs());
+            }
             for (j, &lower) in places[..i].iter().enumerate() {
                 let product = gram.get(place, lower);
                 all[i] += product * product;

@@ -88,7 +88,7 @@ impl<'a> Vectors<'a> {
         &self.values
     }
 
-    /// Applies y_to -= factor y_from to the former vectors, all at once; steps are (to, from, factor), and `to` is above `from`.
+    /// Applies y_to -= factor y_from to the former vectors, all at once; steps are (to, from, factor), and `to` is `from` or above it.
     pub fn subtract_multiples(&mut self, steps: &[(usize, usize, f64)]) {
         let mut blocks = BTreeMap::new();
         for (to, from, factor) in steps {
