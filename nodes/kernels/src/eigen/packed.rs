@@ -311,3 +311,57 @@ impl<T: Copy> Node<'_, T> {
         C
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::eigen::factor::Factorizer;
+    use crate::eigen::problem::Problem;
+    use crate::laplacian::{Area, laplacian};
+    use crate::random::Random;
+
+    /// A bumpy sheet of 34 x 26 vertices.
+    fn sheet() -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+        let height = |i: u32, j: u32| 0.3 * (0.7 * f64::from(i)).sin() * (0.4 * f64::from(j)).cos();
+        let points = (0..34).flat_map(|i| (0..26).map(move |j| [f64::from(i), f64::from(j), height(i, j)]));
+        let squares = (0..33).flat_map(|i| (0..25).map(move |j| i * 26 + j));
+        let faces = squares.flat_map(|a| [[a, a + 26, a + 27], [a, a + 27, a + 1]]);
+        (points.collect(), faces.collect())
+    }
+
+    fn solved<S: Simd>(simd: S, packed: &Packed, right: &[Row]) -> Vec<Row> {
+        let mut x = right.to_vec();
+        Forward { packed, x: &mut x }.with_simd(simd);
+        Backward { packed, x: &mut x }.with_simd(simd);
+        x
+    }
+
+    #[test]
+    fn solves_leave_no_residual_and_the_width_of_registers_changes_no_bit() {
+        let (vertices, faces) = sheet();
+        let operator = laplacian(&vertices, &faces, Area::Mixed, false).expect("a plane mesh");
+        let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
+        let factorizer = Factorizer::new(&problem).expect("small");
+        let (order, shift) = (factorizer.order(), 320.0);
+        let packed = factorizer.factor(shift).expect("not singular");
+        let widest = packed.columns.windows(2).map(|c| c[1] - c[0]).max();
+        assert!(packed.negative() > 10 && widest > Some(16), "an indefinite factor with all sizes of supernodes");
+        let mut random = Random::from_state(7);
+        let right: Vec<Row> = order.iter().map(|_| std::array::from_fn(|_| random.signed())).collect();
+        let mut x = right.clone();
+        packed.solve(&mut x);
+        let mut place = vec![0; order.len()];
+        order.iter().enumerate().for_each(|(i, &vertex)| place[vertex as usize] = i);
+        let largest = x.as_flattened().iter().fold(0.0f64, |m, x| m.max(x.abs()));
+        for (vertex, &i) in place.iter().enumerate() {
+            for q in 0..right[i].len() {
+                let entry = |(j, m): (usize, f64)| m / (problem.root[vertex] * problem.root[j]) * x[place[j]][q];
+                let product: f64 = operator.stiffness.row(vertex).map(entry).sum();
+                let residual = product - shift * x[i][q] - right[i][q];
+                assert!(residual.abs() < 1e-9 * (1.0 + shift * largest), "vertex {vertex}: {residual:e}");
+            }
+        }
+        assert!(solved(pulp::Scalar512b, &packed, &right) == x && solved(pulp::Scalar256b, &packed, &right) == x);
+        assert!(solved(pulp::Scalar, &packed, &right) == x);
+    }
+}
