@@ -25,6 +25,11 @@ const LOSS: f64 = 1e-8;
 /// So many Ritz vectors are locked once there are so many blocks. Measured at 43,000 vertices: products with 28 panels on average are then removed every
 /// 3.4 steps, without locks every 2.2; with 8 every 2.9, with 32 every 3.5.
 const LOCKED: usize = 16;
+
+/// With more pairs than this in one slice, eigenvalues of B far from the shift are so close that what is removed from a basis matters: nothing is locked, and
+/// convergence is looked at later than elsewhere, since estimates of residuals are too good by then (5,000 vertices, 777 and 850 pairs).
+const MANY: usize = 600;
+
 const SETTLED: usize = 8;
 
 /// Products as large as this are not corrections any more: panels are then orthogonalised with no regard to the recurrence.
@@ -121,9 +126,16 @@ pub(super) fn lanczos<'a>(run: &Run<'_, 'a>, hooks: &dyn Hooks, step: &dyn Fn())
 /// Blocks that convergence takes among n vertices, measured: with pairs on both sides of the shift up to the end of the spectrum on one of them, or up to
 /// a window's edge. A block too many costs less than another look at the projected problem.
 pub(super) fn expected_blocks(n: usize, pairs: usize, from_bottom: bool) -> usize {
+    let late = pairs > MANY;
     let (n, pairs) = (n as f64, pairs as f64);
-    let vectors = if from_bottom { 1.65 * pairs + 90.0 } else { 1.95 * pairs + 124.0 };
-    ((vectors - 0.7 * pairs * pairs / n) / WIDTH as f64).ceil() as usize
+    let vectors = if late {
+        1.75 * pairs + 60.0
+    } else if from_bottom {
+        1.65 * pairs + 90.0 - 0.7 * pairs * pairs / n
+    } else {
+        1.95 * pairs + 124.0 - 0.7 * pairs * pairs / n
+    };
+    (vectors / WIDTH as f64).ceil() as usize
 }
 
 /// Eigenvalues and vectors of the projection of B.
@@ -189,7 +201,11 @@ impl<'r, 'a> Krylov<'r, 'a> {
         }
         let again = self.basis.remove(near, &along, Some(&scale));
         let below = self.append_scaled(&first, &again)?;
-        if loss > LOSS && !self.basis.is_locked() && self.recurrence.diagonal.len() >= SETTLED {
+        if loss > LOSS
+            && !self.basis.is_locked()
+            && self.run.reach.expected <= MANY
+            && self.recurrence.diagonal.len() >= SETTLED
+        {
             self.lock()?;
         }
         Ok(below)
