@@ -8,7 +8,7 @@ use super::panel::{
     Block, Row, Rows, WIDTH, ZERO, add_gram, multiply_right, norm, product, subtract_multiple, subtract_product,
 };
 use super::pool::{Panel, Panels, Pool, RUN, runs, runs_mut};
-use super::tiles::replace_by_product;
+use super::tiles::{replace_by_product, subtract_products};
 use crate::random::Random;
 use crate::simd::vectorised;
 use faer::MatRef;
@@ -248,6 +248,7 @@ impl<'a> Basis<'a> {
             || {
                 for (run, w) in work.iter_mut().enumerate() {
                     self.null.remove(run, w, &near.null);
+                    // What was found along all panels holds what is along these.
                     if along.panels.is_empty() {
                         for (h, panel) in near.locked.iter().zip(&locked) {
                             subtract_product(w, &panel[run], h);
@@ -313,30 +314,22 @@ impl<'a> Basis<'a> {
 
     /// Locks V c; c has eight rows for each of the first panels, and columns in eights.
     pub fn lock(&mut self, c: MatRef<'_, f64>) -> Result<(), EigenError> {
-        for _ in 0..c.ncols() / WIDTH {
+        let (rows, columns) = (c.nrows() / WIDTH, c.ncols() / WIDTH);
+        for _ in 0..columns {
             self.locked.grow()?;
         }
-        let mut panels = self.panels.all();
-        panels.truncate(c.nrows() / WIDTH);
-        for (l, target) in self.locked.all_mut().into_iter().enumerate() {
-            let blocks: Vec<Block> = (0..panels.len())
-                .map(|p| {
-                    let entry = |i: usize, q: usize| -c[(p * WIDTH + i, l * WIDTH + q)];
-                    std::array::from_fn(|i| std::array::from_fn(|q| entry(i, q)))
-                })
-                .collect();
-            vectorised(
-                #[inline(always)]
-                || {
-                    for (run, target) in target.iter_mut().enumerate() {
-                        *target = [[0.0; WIDTH]; RUN];
-                        for (panel, block) in panels.iter().zip(&blocks) {
-                            subtract_product(target, &panel[run], block);
-                        }
-                    }
-                },
-            );
+        let mut panels = self.panels.all_mut();
+        panels.truncate(rows);
+        for panel in self.locked.all_mut() {
+            panel.fill([[0.0; WIDTH]; RUN]);
+            panels.push(panel);
         }
+        let block = |p: usize, l: usize| -> Block {
+            std::array::from_fn(|i| std::array::from_fn(|q| -c[(p * WIDTH + i, l * WIDTH + q)]))
+        };
+        let steps = (0..columns).flat_map(|l| (0..rows).map(move |p| (l, p)));
+        let steps: Vec<_> = steps.map(|(l, p)| (rows + l, p, block(p, l))).collect();
+        subtract_products(&mut panels, &steps);
         Ok(())
     }
 

@@ -25,12 +25,11 @@ const LOSS: f64 = 1e-8;
 /// So many Ritz vectors are locked once there are so many blocks. Measured at 43,000 vertices: products with 28 panels on average are then removed every
 /// 3.4 steps, without locks every 2.2; with 8 every 2.9, with 32 every 3.5.
 const LOCKED: usize = 16;
+const LOCKED_FROM: usize = 8;
 
 /// With more pairs than this in one slice, eigenvalues of B far from the shift are so close that what is removed from a basis matters: nothing is locked, and
 /// convergence is looked at later than elsewhere, since estimates of residuals are too good by then (5,000 vertices, 777 and 850 pairs).
 const MANY: usize = 600;
-
-const SETTLED: usize = 8;
 
 /// Products as large as this are not corrections any more: panels are then orthogonalised with no regard to the recurrence.
 const TOTAL: f64 = 0.1;
@@ -128,14 +127,13 @@ pub(super) fn lanczos<'a>(run: &Run<'_, 'a>, hooks: &dyn Hooks, step: &dyn Fn())
 pub(super) fn expected_blocks(n: usize, pairs: usize, from_bottom: bool) -> usize {
     let late = pairs > MANY;
     let (n, pairs) = (n as f64, pairs as f64);
-    let vectors = if late {
-        1.75 * pairs + 60.0
-    } else if from_bottom {
-        1.65 * pairs + 90.0 - 0.7 * pairs * pairs / n
-    } else {
-        1.95 * pairs + 124.0 - 0.7 * pairs * pairs / n
+    let (slope, start) = match (late, from_bottom) {
+        (true, _) => (1.75, 60.0),
+        (false, true) => (1.65, 90.0),
+        (false, false) => (1.95, 124.0),
     };
-    (vectors / WIDTH as f64).ceil() as usize
+    let saved = if late { 0.0 } else { 0.7 * pairs * pairs / n };
+    ((slope * pairs + start - saved) / WIDTH as f64).ceil() as usize
 }
 
 /// Eigenvalues and vectors of the projection of B.
@@ -204,7 +202,7 @@ impl<'r, 'a> Krylov<'r, 'a> {
         if loss > LOSS
             && !self.basis.is_locked()
             && self.run.reach.expected <= MANY
-            && self.recurrence.diagonal.len() >= SETTLED
+            && self.recurrence.diagonal.len() >= LOCKED_FROM
         {
             self.lock()?;
         }

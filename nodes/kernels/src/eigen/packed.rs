@@ -275,25 +275,16 @@ impl<T: Copy> Node<'_, T> {
         let (groups, rest) = self.rows.as_chunks::<U>();
         let (entries, last) = self.below.split_at(groups.len() * U * width);
         for (&r, l) in rest.iter().zip(last.chunks_exact(width)).rev() {
-            let (y, l) = (row(r), &l[begin..][..C]);
-            for c in 0..C {
-                sums[0][c] = simd.mul_add_f64s(simd.splat_f64s(l[c]), y, sums[0][c]);
-            }
+            add_multiples(simd, &mut sums[0], &l[begin..], row(r));
         }
         for (group, now) in groups.iter().zip(entries.chunks_exact(U * width)).rev() {
             for u in (0..U).rev() {
-                let (y, l) = (row(group[u]), &now[u * width + begin..][..C]);
-                for c in 0..C {
-                    sums[u][c] = simd.mul_add_f64s(simd.splat_f64s(l[c]), y, sums[u][c]);
-                }
+                add_multiples(simd, &mut sums[u], &now[u * width + begin..], row(group[u]));
             }
         }
         let known = self.own[end * parts..].chunks_exact(parts).zip(self.square[end * width..].chunks_exact(width));
         for (y, l) in known.rev() {
-            let l = &l[begin..][..C];
-            for c in 0..C {
-                sums[0][c] = simd.mul_add_f64s(simd.splat_f64s(l[c]), y[part], sums[0][c]);
-            }
+            add_multiples(simd, &mut sums[0], &l[begin..], y[part]);
         }
         let mut own: [T; C] = std::array::from_fn(|c| {
             let sum = (1..U).fold(sums[0][c], |sum, u| simd.add_f64s(sum, sums[u][c]));
@@ -309,6 +300,15 @@ impl<T: Copy> Node<'_, T> {
             self.own[(begin + c) * parts + part] = own[c];
         }
         C
+    }
+}
+
+/// sums + y l, for the first entries of l.
+#[inline(always)]
+fn add_multiples<S: Simd, const C: usize>(simd: S, sums: &mut [S::f64s; C], l: &[f64], y: S::f64s) {
+    let l = &l[..C];
+    for c in 0..C {
+        sums[c] = simd.mul_add_f64s(simd.splat_f64s(l[c]), y, sums[c]);
     }
 }
 
