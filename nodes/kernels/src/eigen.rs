@@ -5,6 +5,7 @@
 //! residuals and orthogonality are small *and* the number of eigenvalues below a cut just above the last wanted one, counted by
 //! Sylvester's law of inertia from another factorisation, equals the number found. A missed copy of a multiple eigenvalue thus cannot pass.
 
+mod band;
 mod basis;
 mod certify;
 mod cut;
@@ -17,12 +18,14 @@ mod packed;
 mod panel;
 mod pool;
 mod problem;
+mod projected;
 mod quality;
 mod reach;
 mod slices;
 mod solver;
 mod spare;
 mod tiles;
+mod twisted;
 mod vectors;
 
 use crate::laplacian::Operator;

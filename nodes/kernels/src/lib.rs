@@ -19,6 +19,7 @@ mod simd;
 pub mod simplify;
 pub mod sparse;
 pub mod stop;
+mod sturm;
 mod surgery;
 pub mod topology;
 mod vec3;

@@ -22,7 +22,7 @@ mod tridiagonal;
 use crate::adjacency::on_rim;
 use crate::eigen::Hooks;
 use crate::laplacian::{Area, LaplacianError, Operator, laplacian};
-use bisection::Tridiagonal;
+use crate::sturm::Tridiagonal;
 use problem::Problem;
 use sparse::Prepared;
 use std::fmt;

@@ -48,6 +48,14 @@ impl Recurrence {
         matrix
     }
 
+    /// Entries of T by row and column, at and below the diagonal, at most eight rows below it; nothing if there are couplings.
+    pub fn band(&self) -> Option<impl Fn(usize, usize) -> f64> {
+        self.couplings.is_empty().then_some(|i: usize, j: usize| {
+            let block = if i / WIDTH == j / WIDTH { &self.diagonal[i / WIDTH] } else { &self.below[j / WIDTH] };
+            block[i % WIDTH][j % WIDTH]
+        })
+    }
+
     /// Row i of T c.
     fn times(&self, c: &[Block], i: usize) -> Block {
         let mut row = ZERO;
@@ -92,9 +100,10 @@ impl Departure {
         self.columns.push((j, column.collect()));
     }
 
-    /// Eigenvectors number `chosen` of T + N, to first order in N, from all eigenpairs of T.
+    /// Eigenvectors number `chosen` of T + N, to first order in N, from eigenpairs of T. Those further from the shift take no part: products are
+    /// with vectors that have converged.
     pub fn correct(&self, values: &[f64], vectors: MatRef<'_, f64>, chosen: &[usize]) -> Mat<f64> {
-        let m = values.len();
+        let m = vectors.nrows();
         let mut corrected = Mat::from_fn(m, chosen.len(), |i, j| vectors[(i, chosen[j])]);
         if self.columns.is_empty() {
             return corrected;
@@ -117,8 +126,8 @@ impl Departure {
         }
         let mut mixed = dense::inner(vectors, dense::product(left.as_ref(), right.as_ref()).as_ref());
         for (j, &column) in chosen.iter().enumerate() {
-            for i in 0..m {
-                let difference = values[column] - values[i];
+            for (i, value) in values.iter().enumerate() {
+                let difference = values[column] - value;
                 let small = mixed[(i, j)].abs() < SMALL * difference.abs();
                 mixed[(i, j)] = if small { mixed[(i, j)] / difference } else { 0.0 };
             }

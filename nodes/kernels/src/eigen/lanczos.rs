@@ -10,6 +10,7 @@ use super::departure::{Departure, Recurrence};
 use super::packed::Packed;
 use super::panel::{Block, Row, WIDTH, ZERO, cholesky, inverse, norm, product, subtract, symmetrised, transposed};
 use super::pool::{Panels, Pool};
+use super::projected::Projected;
 use super::reach::{Chosen, Reach, Ritz, Verdict};
 use super::{EigenError, Hooks, Phase, enter};
 use crate::random::Random;
@@ -134,12 +135,6 @@ pub(super) fn expected_blocks(n: usize, pairs: usize, from_bottom: bool) -> usiz
     };
     let saved = if late { 0.0 } else { 0.7 * pairs * pairs / n };
     ((slope * pairs + start - saved) / WIDTH as f64).ceil() as usize
-}
-
-/// Eigenvalues and vectors of the projection of B.
-struct Projected {
-    values: Vec<f64>,
-    vectors: Mat<f64>,
 }
 
 impl<'r, 'a> Krylov<'r, 'a> {
@@ -278,14 +273,14 @@ impl<'r, 'a> Krylov<'r, 'a> {
 
     /// Solves the projected problem, and judges it.
     fn judge(&self) -> Result<(Projected, Verdict), EigenError> {
-        let (values, vectors) = symmetric_eigen(self.recurrence.matrix().as_ref())?;
-        let ritz = self.ritz(&values, &vectors);
-        let verdict = self.run.reach.judge(&ritz, self.run.shift, self.run.tolerance);
-        Ok((Projected { values, vectors }, verdict))
+        let projected = Projected::new(&self.recurrence, &self.run.reach, self.run.shift)?;
+        let verdict = self.run.reach.judge(&self.ritz(&projected), self.run.shift, self.run.tolerance);
+        Ok((projected, verdict))
     }
 
-    /// All Ritz pairs with positive eigenvalues of A, ascending, with the residuals that purification will leave.
-    fn ritz(&self, values: &[f64], vectors: &Mat<f64>) -> Vec<Ritz> {
+    /// The Ritz pairs with positive eigenvalues of A, ascending, with the residuals that purification will leave.
+    fn ritz(&self, projected: &Projected) -> Vec<Ritz> {
+        let Projected { values, vectors } = projected;
         let last = self.recurrence.below.len() - 1;
         let rest = product(&transposed(&self.recurrence.below[last]), &self.recurrence.below[last]);
         let square = |gram: &Block, block: usize, column: usize| -> f64 {

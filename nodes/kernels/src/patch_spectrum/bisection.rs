@@ -1,80 +1,9 @@
-//! The lowest eigenvalues of symmetric tridiagonal matrices by bisection: each is known by how many lie below it.
-//!
-//! One pass over a matrix counts the eigenvalues below many numbers at once, a number to a lane (Sturm's sequences, by the pivots of T - x I).
-//! Only what is wanted is computed, no step waits for the one before but within a lane, and multiplicity does not matter.
+//! The lowest eigenvalues of several symmetric tridiagonal matrices together, by bisection.
 
-use crate::simd::vectorised;
+use crate::sturm::{Bracket, LANES, Tridiagonal};
 
-const LANES: usize = 8;
-/// Vectors of lanes that go through a matrix together, so that divisions overlap.
-const VECTORS: usize = 4;
 /// Numbers tried at first.
-const GRID: usize = LANES * VECTORS;
-/// Squares of entries beside the diagonal are at least this: a pivot of zero then gives infinity, not 0 / 0.
-const LEAST_SQUARE: f64 = 1e-290;
-
-type Lanes = [f64; LANES];
-
-/// A symmetric tridiagonal matrix.
-pub(super) struct Tridiagonal {
-    /// Diagonal entries, each with the square of the entry beside it in the column before.
-    rows: Vec<(f64, f64)>,
-    /// Bound of the eigenvalues' magnitudes.
-    norm: f64,
-}
-
-impl Tridiagonal {
-    /// From the diagonal and what is beside it: `off[i]` between i and i + 1.
-    pub fn new(diagonal: &[f64], off: &[f64]) -> Self {
-        let before = |i: usize| if i == 0 { 0.0 } else { off[i - 1] };
-        let row = |i: usize| (diagonal[i], (before(i) * before(i)).max(LEAST_SQUARE));
-        let after = |i: usize| if i + 1 < diagonal.len() { off[i] } else { 0.0 };
-        let radius = |i: usize| diagonal[i].abs() + before(i).abs() + after(i).abs();
-        let largest = |most: f64, x: f64| if x > most || x.is_nan() { x } else { most };
-        Self { rows: (0..diagonal.len()).map(row).collect(), norm: (0..diagonal.len()).map(radius).fold(0.0, largest) }
-    }
-
-    /// How many eigenvalues are below each number.
-    fn below(&self, numbers: &[Lanes]) -> Vec<Lanes> {
-        let mut counts = Vec::with_capacity(numbers.len());
-        for group in numbers.chunks(VECTORS) {
-            match *group {
-                [a] => counts.extend(self.below_each([a])),
-                [a, b] => counts.extend(self.below_each([a, b])),
-                [a, b, c] => counts.extend(self.below_each([a, b, c])),
-                [a, b, c, d] => counts.extend(self.below_each([a, b, c, d])),
-                _ => {}
-            }
-        }
-        counts
-    }
-
-    fn below_each<const V: usize>(&self, numbers: [Lanes; V]) -> [Lanes; V] {
-        vectorised(
-            #[inline(always)]
-            || {
-                let (mut counts, mut pivots) = ([[0.0; LANES]; V], [[1.0; LANES]; V]);
-                for &(diagonal, square) in &self.rows {
-                    for v in 0..V {
-                        for l in 0..LANES {
-                            pivots[v][l] = (diagonal - numbers[v][l]) - square / pivots[v][l];
-                            counts[v][l] += if pivots[v][l] < 0.0 { 1.0 } else { 0.0 };
-                        }
-                    }
-                }
-                counts
-            },
-        )
-    }
-}
-
-/// An eigenvalue by its number, and where it is.
-#[derive(Clone, Copy, Default)]
-struct Bracket {
-    number: f64,
-    low: f64,
-    high: f64,
-}
+const GRID: usize = 4 * LANES;
 
 /// The `count` lowest eigenvalues of all matrices together, ascending, without the first ones of each matrix: as many as the number beside it.
 /// They are positive. `scale` is about the last. `None` if there are not so many, or if an entry is not finite.
@@ -98,7 +27,7 @@ pub(super) fn lowest(matrices: &[(Tridiagonal, usize)], count: usize, scale: f64
                     Bracket { number: number as f64, low, high: grid[at] }
                 };
                 let brackets = (*zeros..below[m][cut] as usize).map(bracket).collect();
-                values.extend(bisect(matrix, brackets));
+                values.extend(matrix.bisect(brackets));
             }
             values.sort_by(f64::total_cmp);
             values.truncate(count);
@@ -107,23 +36,6 @@ pub(super) fn lowest(matrices: &[(Tridiagonal, usize)], count: usize, scale: f64
         top *= 2.0;
     }
     None
-}
-
-/// Halves the brackets, all of which are as wide, until they are as narrow as rounding allows; their middles.
-fn bisect(matrix: &Tridiagonal, mut brackets: Vec<Bracket>) -> Vec<f64> {
-    let wanted = brackets.len();
-    brackets.resize(wanted.next_multiple_of(LANES), Bracket::default());
-    let middle = |b: &Bracket| 0.5 * (b.low + b.high);
-    while brackets.first().is_some_and(|b| b.high - b.low > f64::EPSILON * matrix.norm.max(b.high)) {
-        let numbers: Vec<f64> = brackets.iter().map(middle).collect();
-        let counts = matrix.below(numbers.as_chunks().0);
-        for ((bracket, at), count) in brackets.iter_mut().zip(numbers).zip(counts.into_iter().flatten()) {
-            let above = count > bracket.number;
-            bracket.low = if above { bracket.low } else { at };
-            bracket.high = if above { at } else { bracket.high };
-        }
-    }
-    brackets[..wanted].iter().map(middle).collect()
 }
 
 #[cfg(test)]

@@ -1,0 +1,100 @@
+//! The projected problem: eigenpairs of T next to the ends of its spectrum, which are those of A next to the shift.
+
+use super::EigenError;
+use super::band::Tridiagonalised;
+use super::dense::{inner, product, symmetric_eigen};
+use super::departure::Recurrence;
+use super::panel::{Row, WIDTH};
+use super::reach::{Reach, Side};
+use super::twisted::Twisted;
+use crate::sturm::{Bracket, Tridiagonal};
+use faer::{Mat, MatRef};
+use std::ops::Range;
+
+/// Vectors computed beyond those wanted on each side: what shows that there are no others, and where a gap is.
+const BEYOND: usize = 26;
+
+/// Products of the computed vectors that are of first order still. Larger ones are those of equal eigenvalues.
+const NEAR: f64 = 1e-6;
+
+/// Some eigenpairs of T.
+pub(super) struct Projected {
+    pub values: Vec<f64>,
+    /// A column for each value.
+    pub vectors: Mat<f64>,
+}
+
+impl Projected {
+    /// The eigenpairs that are to be judged.
+    pub fn new(recurrence: &Recurrence, reach: &Reach, shift: f64) -> Result<Self, EigenError> {
+        if let Some(found) = Self::banded(recurrence, reach, shift) {
+            return Ok(found);
+        }
+        let (values, vectors) = symmetric_eigen(recurrence.matrix().as_ref())?;
+        let below = |x: f64| values.partition_point(|value| *value < x);
+        let columns = columns(values.len(), below, reach, shift);
+        let picked = Mat::from_fn(values.len(), columns.len(), |i, j| vectors[(i, columns[j])]);
+        Ok(Self { values: columns.iter().map(|&column| values[column]).collect(), vectors: picked })
+    }
+
+    /// The same for a T that is a band matrix, and where no two of the eigenvalues are equal up to rounding; nothing elsewhere.
+    fn banded(recurrence: &Recurrence, reach: &Reach, shift: f64) -> Option<Self> {
+        let n = WIDTH * recurrence.diagonal.len();
+        let form = Tridiagonalised::new(n, recurrence.band()?);
+        let sturm = Tridiagonal::new(&form.diagonal, &form.off);
+        if !sturm.norm.is_finite() {
+            return None;
+        }
+        let below = |x: f64| sturm.below(&[[x; WIDTH]])[0][0] as usize;
+        let columns = columns(n, below, reach, shift);
+        let bracket = |&column: &usize| Bracket { number: column as f64, low: -sturm.norm, high: sturm.norm };
+        let values = sturm.bisect(columns.iter().map(bracket).collect());
+        let mut vectors = Mat::zeros(n, values.len());
+        let (mut twisted, mut rows) = (Twisted::default(), vec![[0.0; WIDTH]; n + Tridiagonalised::PADDING]);
+        for (group, values) in values.chunks(WIDTH).enumerate() {
+            let lanes: Row = std::array::from_fn(|q| values[q.min(values.len() - 1)]);
+            twisted.vectors(&form.diagonal, &form.off, sturm.norm, &lanes, &mut rows[..n]);
+            rows[n..].fill([0.0; WIDTH]);
+            form.transform(&mut rows);
+            for q in 0..values.len() {
+                let column = vectors.col_mut(group * WIDTH + q);
+                column.iter_mut().zip(&rows).for_each(|(x, row)| *x = row[q]);
+            }
+        }
+        Some(Self { values, vectors: orthonormal(vectors.as_ref())? })
+    }
+}
+
+/// Numbers of the eigenvalues to be computed, of n, `below(x)` of which are below x.
+fn columns(n: usize, below: impl Fn(f64) -> usize, reach: &Reach, shift: f64) -> Vec<usize> {
+    // Theta = 1 / (lambda - shift): from the lowest upwards one goes down from the shift, and from the highest downwards up from it.
+    let negative = below(0.0);
+    let at = |value: f64| 1.0 / (value - shift);
+    let low = match reach.below {
+        Side::Count(count) => count,
+        Side::Until(value) => below(at(value)),
+    };
+    let high = match reach.above {
+        Side::Count(count) => count,
+        Side::Until(value) => n - below(at(value)),
+    };
+    let low: Range<usize> = 0..(low + BEYOND).min(negative);
+    let high: Range<usize> = n - (high + BEYOND).min(n - negative)..n;
+    low.chain(high).collect()
+}
+
+/// Symmetric orthogonalisation of unit vectors to first order; nothing if that is not enough.
+fn orthonormal(vectors: MatRef<'_, f64>) -> Option<Mat<f64>> {
+    let mut gram = inner(vectors, vectors);
+    for j in 0..gram.ncols() {
+        for i in 0..gram.nrows() {
+            let unit = f64::from(u8::from(i == j));
+            let off = gram[(i, j)] - unit;
+            if off.abs() > NEAR || off.is_nan() {
+                return None;
+            }
+            gram[(i, j)] = unit - 0.5 * off;
+        }
+    }
+    Some(product(vectors, gram.as_ref()))
+}
