@@ -93,12 +93,7 @@ impl WithSimd for Count<'_> {
 
 /// Counts for the first V registers; V.
 #[inline(always)]
-fn count<S: Simd, const V: usize>(
-    simd: S,
-    rows: &[(f64, f64)],
-    numbers: &[S::f64s],
-    counts: &mut [S::f64s],
-) -> usize {
+fn count<S: Simd, const V: usize>(simd: S, rows: &[(f64, f64)], numbers: &[S::f64s], counts: &mut [S::f64s]) -> usize {
     let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
     let numbers: [S::f64s; V] = std::array::from_fn(|v| numbers[v]);
     let (mut pivots, mut sums) = ([one; V], [zero; V]);

@@ -28,10 +28,6 @@ const LOSS: f64 = 1e-8;
 const LOCKED: usize = 16;
 const LOCKED_FROM: usize = 8;
 
-/// With more pairs than this in one slice, eigenvalues of B far from the shift are so close that what is removed from a basis matters: nothing is locked, and
-/// convergence is looked at later than elsewhere, since estimates of residuals are too good by then (5,000 vertices, 777 and 850 pairs).
-const MANY: usize = 600;
-
 /// Products as large as this are not corrections any more: panels are then orthogonalised with no regard to the recurrence.
 const TOTAL: f64 = 0.1;
 
@@ -123,23 +119,16 @@ pub(super) fn lanczos<'a>(run: &Run<'_, 'a>, hooks: &dyn Hooks, step: &dyn Fn())
     }
 }
 
-/// Blocks that convergence takes among n vertices, measured: with pairs on both sides of the shift up to the end of the spectrum on one of them, or up to
-/// a window's edge. A block too many costs less than another look at the projected problem.
-pub(super) fn expected_blocks(n: usize, pairs: usize, from_bottom: bool) -> usize {
-    let late = pairs > MANY;
-    let (n, pairs) = (n as f64, pairs as f64);
-    let (slope, start) = match (late, from_bottom) {
-        (true, _) => (1.75, 60.0),
-        (false, true) => (1.65, 90.0),
-        (false, false) => (1.95, 124.0),
-    };
-    let saved = if late { 0.0 } else { 0.7 * pairs * pairs / n };
-    ((slope * pairs + start - saved) / WIDTH as f64).ceil() as usize
+/// Blocks that convergence takes, measured: with pairs on both sides of the shift up to the end of the spectrum on one of them, or up to a window's
+/// edge. A block too many costs less than another look at the projected problem where n is small.
+pub(super) fn expected_blocks(pairs: usize, from_bottom: bool) -> usize {
+    let (slope, start) = if from_bottom { (1.65, 90.0) } else { (1.95, 124.0) };
+    ((slope * pairs as f64 + start) / WIDTH as f64).ceil() as usize
 }
 
 impl<'r, 'a> Krylov<'r, 'a> {
     fn new(run: &'r Run<'r, 'a>) -> Result<Self, EigenError> {
-        let first_check = expected_blocks(run.n, run.reach.expected, run.reach.is_lowest());
+        let first_check = expected_blocks(run.reach.expected, run.reach.is_lowest());
         let mut krylov = Self {
             run,
             basis: Basis::new(run.pool, run.null)?,
@@ -194,11 +183,7 @@ impl<'r, 'a> Krylov<'r, 'a> {
         }
         let again = self.basis.remove(near, &along, Some(&scale));
         let below = self.append_scaled(&first, &again)?;
-        if loss > LOSS
-            && !self.basis.is_locked()
-            && self.run.reach.expected <= MANY
-            && self.recurrence.diagonal.len() >= LOCKED_FROM
-        {
+        if loss > LOSS && !self.basis.is_locked() && self.recurrence.diagonal.len() >= LOCKED_FROM {
             self.lock()?;
         }
         Ok(below)

@@ -98,3 +98,89 @@ fn orthonormal(vectors: MatRef<'_, f64>) -> Option<Mat<f64>> {
     }
     Some(product(vectors, gram.as_ref()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::eigen::panel::{Block, ZERO};
+    use crate::random::Random;
+
+    /// A recurrence of random blocks, the lower ones upper triangular, with a spectrum on both sides of zero.
+    fn recurrence(blocks: usize) -> Recurrence {
+        let mut random = Random::new(&[blocks as u64]);
+        let mut recurrence = Recurrence::default();
+        for _ in 0..blocks {
+            let (mut diagonal, mut below): (Block, Block) = (ZERO, ZERO);
+            for i in 0..WIDTH {
+                for j in 0..=i {
+                    diagonal[i][j] = random.signed();
+                    diagonal[j][i] = diagonal[i][j];
+                    below[j][i] = 0.3 * random.signed();
+                }
+            }
+            recurrence.diagonal.push(diagonal);
+            recurrence.below.push(below);
+        }
+        recurrence
+    }
+
+    fn reach(below: Side, above: Side) -> Reach {
+        Reach { below, above, expected: 10 }
+    }
+
+    #[test]
+    fn pairs_next_to_the_ends_are_those_of_a_dense_decomposition() {
+        for blocks in [1, 2, 7, 15] {
+            let recurrence = recurrence(blocks);
+            let matrix = recurrence.matrix();
+            let (all, _) = symmetric_eigen(matrix.as_ref()).expect("converges");
+            let shift = 100.0;
+            // Theta of -0.5 and 0.6.
+            for reach in
+                [reach(Side::Count(3), Side::Count(5)), reach(Side::Until(98.0), Side::Until(100.0 + 1.0 / 0.6))]
+            {
+                let found = Projected::banded(&recurrence, &reach, shift).expect("distinct");
+                let (negative, n) = (all.partition_point(|x| *x < 0.0), all.len());
+                let [low, high] = match reach.below {
+                    Side::Count(_) => [3, 5],
+                    Side::Until(_) => [-0.5, 0.6].map(|x| all.partition_point(|value| *value < x)),
+                };
+                let high = if matches!(reach.above, Side::Until(_)) { n - high } else { high };
+                let (low, high) = ((low + BEYOND).min(negative), (high + BEYOND).min(n - negative));
+                let expected: Vec<f64> = all[..low].iter().chain(&all[n - high..]).copied().collect();
+                assert_eq!(found.values.len(), expected.len());
+                for (j, value) in found.values.iter().enumerate() {
+                    assert!((value - expected[j]).abs() < 1e-13, "{blocks}: {j}");
+                    for i in 0..n {
+                        let product: f64 = (0..n).map(|l| matrix[(i, l)] * found.vectors[(l, j)]).sum();
+                        assert!((product - value * found.vectors[(i, j)]).abs() < 1e-13, "{blocks}: ({i}, {j})");
+                    }
+                }
+                let gram = inner(found.vectors.as_ref(), found.vectors.as_ref());
+                let unit = |i: usize, j: usize| f64::from(u8::from(i == j));
+                assert!(
+                    (0..gram.ncols()).all(|j| (0..gram.nrows()).all(|i| (gram[(i, j)] - unit(i, j)).abs() < 1e-14))
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn equal_eigenvalues_and_couplings_are_left_to_the_dense_decomposition() {
+        let reach = reach(Side::Count(20), Side::Count(20));
+        // Two equal blocks that do not know of each other.
+        let mut twice = recurrence(1);
+        twice.diagonal.push(twice.diagonal[0]);
+        twice.below = vec![ZERO; 2];
+        assert!(Projected::banded(&twice, &reach, 1.0).is_none());
+        let mut coupled = recurrence(4);
+        coupled.couplings.push((0, 3, coupled.diagonal[1]));
+        assert!(Projected::banded(&coupled, &reach, 1.0).is_none());
+        for recurrence in [twice, coupled] {
+            let (matrix, n) = (recurrence.matrix(), WIDTH * recurrence.diagonal.len());
+            let found = Projected::new(&recurrence, &reach, 1.0).expect("converges");
+            let (values, vectors) = symmetric_eigen(matrix.as_ref()).expect("converges");
+            assert!(found.values == values && found.vectors == vectors && values.len() == n);
+        }
+    }
+}

@@ -97,8 +97,12 @@ impl Reach {
 /// The number of pairs above up to a gap past the target, the cut in it, and its width.
 fn upper_end(above: &[Ritz], target: usize, shift: f64, accurate: &dyn Fn(&Ritz) -> bool) -> Option<(usize, f64, f64)> {
     let mut narrow: Option<(usize, f64, f64)> = None;
+    // Residuals mostly grow away from the shift, but not always.
+    if !above.get(..target)?.iter().all(accurate) {
+        return None;
+    }
     for count in target..above.len() {
-        if count > 0 && !accurate(&above[count - 1]) {
+        if count > target && !accurate(&above[count - 1]) {
             return None;
         }
         let next = &above[count];
@@ -123,4 +127,27 @@ fn upper_end(above: &[Ritz], target: usize, shift: f64, accurate: &dyn Fn(&Ritz)
         }
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_pair_above_the_shift_must_be_accurate() {
+        let reach = Reach { below: Side::Count(1), above: Side::Count(3), expected: 4 };
+        // Residuals usually grow outwards; here the second pair above the shift lags behind.
+        let mut ritz: Vec<Ritz> =
+            (1..9).map(|i| Ritz { value: 10.0 * f64::from(i), residual: 1e-9, column: 0 }).collect();
+        let done = |ritz: &[Ritz]| reach.judge(ritz, 15.0, 1e-8);
+        match done(&ritz) {
+            Verdict::Done(chosen) => assert!(chosen.pairs.len() == 4 && chosen.cut == 45.0),
+            Verdict::Short | Verdict::NotYet(_) => panic!("all are accurate"),
+        }
+        ritz[2].residual = 6e-7;
+        match done(&ritz) {
+            Verdict::NotYet(off) => assert!((off - 4.0).abs() < 1e-12, "{off}"),
+            Verdict::Short | Verdict::Done(_) => panic!("one is not"),
+        }
+    }
 }

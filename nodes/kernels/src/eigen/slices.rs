@@ -43,16 +43,13 @@ struct Slice {
     factor: Mutex<Option<Packed>>,
 }
 
-/// Pairs from which on a second slice costs no more than one: it saves as much orthogonalisation as it costs solves, halves the memory for
-/// the basis, and can run on a thread of its own. Measured at 12,000 to 190,000 vertices, where one to four slices are within 5 % of each other for 300 pairs.
+/// Pairs of a slice. More slices save as much orthogonalisation and projected problem as they cost solves and factorisations, need less memory for bases, and
+/// can run side by side. Measured at 1,093 to 190,000 vertices: 100 to 160 pairs are within 5 % of each other; one slice of 100 is faster than two.
 const SLICE_PAIRS: usize = 140;
 
-/// Slices of more than this share of the spectrum do not pay: at 1,000 vertices they are three times slower.
-const SLICE_SHARE: usize = 20;
-
-/// How many slices, from n and the number of pairs alone.
-pub(super) fn slice_count(n: usize, wanted: usize) -> usize {
-    (wanted / SLICE_PAIRS).min(n / (SLICE_PAIRS * SLICE_SHARE)).max(1)
+/// How many slices, from the number of pairs alone.
+pub(super) fn slice_count(wanted: usize) -> usize {
+    (wanted / SLICE_PAIRS).max(1)
 }
 
 /// The uppermost shift may miss its place by this share of a window.
@@ -69,7 +66,7 @@ pub(super) struct Attempt {
 pub(super) fn union<'a>(spectrum: &Spectrum<'a>, attempt: Attempt) -> Result<Union<'a>, EigenError> {
     let slices = plan(spectrum, attempt)?;
     let count = slices.len();
-    let blocks = count * expected_blocks(spectrum.n, spectrum.wanted / count, count == 1);
+    let blocks = count * expected_blocks(spectrum.wanted / count, count == 1);
     let done = AtomicUsize::new(0);
     let step = || {
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
@@ -89,7 +86,7 @@ fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 
 /// Windows of as many eigenvalues each, by Weyl's law as the count at the uppermost shift corrects it, and a shift in each.
 fn plan(spectrum: &Spectrum<'_>, attempt: Attempt) -> Result<Vec<Slice>, EigenError> {
-    let count = slice_count(spectrum.n, spectrum.wanted);
+    let count = slice_count(spectrum.wanted);
     let wanted = spectrum.wanted as f64;
     let share = wanted / count as f64;
     let aim = wanted - 0.5 * share;
