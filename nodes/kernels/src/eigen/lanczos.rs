@@ -5,7 +5,6 @@
 //! is then exactly that of B over theta^2.
 
 use super::basis::{Along, Basis, Near, Null};
-use super::dense::symmetric_eigen;
 use super::departure::{Departure, Recurrence};
 use super::packed::Packed;
 use super::panel::{Block, Row, WIDTH, ZERO, cholesky, inverse, norm, product, subtract, symmetrised, transposed};
@@ -191,10 +190,10 @@ impl<'r, 'a> Krylov<'r, 'a> {
 
     /// Locks the Ritz vectors nearest the shift: products with them grow fastest, and most of what solves round is along them.
     fn lock(&mut self) -> Result<(), EigenError> {
-        let (values, vectors) = symmetric_eigen(self.recurrence.matrix().as_ref())?;
+        let Projected { values, vectors } = Projected::nearest(&self.recurrence, LOCKED)?;
         let mut nearest: Vec<usize> = (0..values.len()).collect();
         nearest.sort_by(|&a, &b| values[b].abs().total_cmp(&values[a].abs()).then(a.cmp(&b)));
-        let c = Mat::from_fn(values.len(), LOCKED, |i, j| vectors[(i, nearest[j])]);
+        let c = Mat::from_fn(vectors.nrows(), LOCKED, |i, j| vectors[(i, nearest[j])]);
         self.basis.lock(c.as_ref())
     }
 
@@ -258,7 +257,7 @@ impl<'r, 'a> Krylov<'r, 'a> {
 
     /// Solves the projected problem, and judges it.
     fn judge(&self) -> Result<(Projected, Verdict), EigenError> {
-        let projected = Projected::new(&self.recurrence, &self.run.reach, self.run.shift)?;
+        let projected = Projected::to_judge(&self.recurrence, &self.run.reach, self.run.shift)?;
         let verdict = self.run.reach.judge(&self.ritz(&projected), self.run.shift, self.run.tolerance);
         Ok((projected, verdict))
     }

@@ -9,7 +9,6 @@ use super::reach::{Reach, Side};
 use super::twisted::Twisted;
 use crate::sturm::{Bracket, Tridiagonal};
 use faer::{Mat, MatRef};
-use std::ops::Range;
 
 /// Vectors computed beyond those wanted on each side: what shows that there are no others, and where a gap is.
 const BEYOND: usize = 26;
@@ -26,27 +25,48 @@ pub(super) struct Projected {
 
 impl Projected {
     /// The eigenpairs that are to be judged.
-    pub fn new(recurrence: &Recurrence, reach: &Reach, shift: f64) -> Result<Self, EigenError> {
-        if let Some(found) = Self::banded(recurrence, reach, shift) {
+    pub fn to_judge(recurrence: &Recurrence, reach: &Reach, shift: f64) -> Result<Self, EigenError> {
+        // Theta = 1 / (lambda - shift): from the lowest upwards one goes down from the shift, and from the highest downwards up from it.
+        let at = |value: f64| 1.0 / (value - shift);
+        let ends = |below: &dyn Fn(f64) -> usize| {
+            let low = match reach.below {
+                Side::Count(count) => count,
+                Side::Until(value) => below(at(value)),
+            };
+            let high = match reach.above {
+                Side::Count(count) => count,
+                Side::Until(value) => below(f64::INFINITY) - below(at(value)),
+            };
+            [low + BEYOND, high + BEYOND]
+        };
+        Self::ends(recurrence, &ends)
+    }
+
+    /// The eigenpairs of the largest magnitudes: of each sign at most so many.
+    pub fn nearest(recurrence: &Recurrence, count: usize) -> Result<Self, EigenError> {
+        Self::ends(recurrence, &|_| [count; 2])
+    }
+
+    /// The lowest negative and the highest positive eigenvalues, with their vectors, as many as `ends` says. It may ask how many there are below a number.
+    fn ends(recurrence: &Recurrence, ends: Ends<'_>) -> Result<Self, EigenError> {
+        if let Some(found) = Self::banded(recurrence, ends) {
             return Ok(found);
         }
         let (values, vectors) = symmetric_eigen(recurrence.matrix().as_ref())?;
-        let below = |x: f64| values.partition_point(|value| *value < x);
-        let columns = columns(values.len(), below, reach, shift);
+        let columns = columns(&|x| values.partition_point(|value| *value < x), ends);
         let picked = Mat::from_fn(values.len(), columns.len(), |i, j| vectors[(i, columns[j])]);
         Ok(Self { values: columns.iter().map(|&column| values[column]).collect(), vectors: picked })
     }
 
     /// The same for a T that is a band matrix, and where no two of the eigenvalues are equal up to rounding; nothing elsewhere.
-    fn banded(recurrence: &Recurrence, reach: &Reach, shift: f64) -> Option<Self> {
+    fn banded(recurrence: &Recurrence, ends: Ends<'_>) -> Option<Self> {
         let n = WIDTH * recurrence.diagonal.len();
         let form = Tridiagonalised::new(n, recurrence.band()?);
         let sturm = Tridiagonal::new(&form.diagonal, &form.off);
         if !sturm.norm.is_finite() {
             return None;
         }
-        let below = |x: f64| sturm.below(&[[x; WIDTH]])[0][0] as usize;
-        let columns = columns(n, below, reach, shift);
+        let columns = columns(&|x| sturm.below(&[[x; WIDTH]])[0][0] as usize, ends);
         let bracket = |&column: &usize| Bracket { number: column as f64, low: -sturm.norm, high: sturm.norm };
         let values = sturm.bisect(columns.iter().map(bracket).collect());
         let mut vectors = Mat::zeros(n, values.len());
@@ -65,22 +85,13 @@ impl Projected {
     }
 }
 
-/// Numbers of the eigenvalues to be computed, of n, `below(x)` of which are below x.
-fn columns(n: usize, below: impl Fn(f64) -> usize, reach: &Reach, shift: f64) -> Vec<usize> {
-    // Theta = 1 / (lambda - shift): from the lowest upwards one goes down from the shift, and from the highest downwards up from it.
-    let negative = below(0.0);
-    let at = |value: f64| 1.0 / (value - shift);
-    let low = match reach.below {
-        Side::Count(count) => count,
-        Side::Until(value) => below(at(value)),
-    };
-    let high = match reach.above {
-        Side::Count(count) => count,
-        Side::Until(value) => n - below(at(value)),
-    };
-    let low: Range<usize> = 0..(low + BEYOND).min(negative);
-    let high: Range<usize> = n - (high + BEYOND).min(n - negative)..n;
-    low.chain(high).collect()
+/// How many eigenpairs at the lower and at the upper end, from how many are below a number.
+type Ends<'a> = &'a dyn Fn(&dyn Fn(f64) -> usize) -> [usize; 2];
+
+/// Numbers of the eigenvalues to be computed: negative ones from the lowest, positive ones from the highest.
+fn columns(below: &dyn Fn(f64) -> usize, ends: Ends<'_>) -> Vec<usize> {
+    let (negative, all, [low, high]) = (below(0.0), below(f64::INFINITY), ends(below));
+    (0..low.min(negative)).chain(all - high.min(all - negative)..all).collect()
 }
 
 /// Symmetric orthogonalisation of unit vectors to first order; nothing if that is not enough.
@@ -124,29 +135,16 @@ mod tests {
         recurrence
     }
 
-    fn reach(below: Side, above: Side) -> Reach {
-        Reach { below, above, expected: 10 }
-    }
-
     #[test]
-    fn pairs_next_to_the_ends_are_those_of_a_dense_decomposition() {
+    fn pairs_at_the_ends_are_those_of_a_dense_decomposition() {
         for blocks in [1, 2, 7, 15] {
             let recurrence = recurrence(blocks);
             let matrix = recurrence.matrix();
             let (all, _) = symmetric_eigen(matrix.as_ref()).expect("converges");
-            let shift = 100.0;
-            // Theta of -0.5 and 0.6.
-            for reach in
-                [reach(Side::Count(3), Side::Count(5)), reach(Side::Until(98.0), Side::Until(100.0 + 1.0 / 0.6))]
-            {
-                let found = Projected::banded(&recurrence, &reach, shift).expect("distinct");
-                let (negative, n) = (all.partition_point(|x| *x < 0.0), all.len());
-                let [low, high] = match reach.below {
-                    Side::Count(_) => [3, 5],
-                    Side::Until(_) => [-0.5, 0.6].map(|x| all.partition_point(|value| *value < x)),
-                };
-                let high = if matches!(reach.above, Side::Until(_)) { n - high } else { high };
-                let (low, high) = ((low + BEYOND).min(negative), (high + BEYOND).min(n - negative));
+            let (negative, n) = (all.partition_point(|x| *x < 0.0), all.len());
+            for [low, high] in [[3, 1], [0, 2], [n, n]] {
+                let found = Projected::banded(&recurrence, &|_| [low, high]).expect("distinct");
+                let (low, high) = (low.min(negative), high.min(n - negative));
                 let expected: Vec<f64> = all[..low].iter().chain(&all[n - high..]).copied().collect();
                 assert_eq!(found.values.len(), expected.len());
                 for (j, value) in found.values.iter().enumerate() {
@@ -157,29 +155,47 @@ mod tests {
                     }
                 }
                 let gram = inner(found.vectors.as_ref(), found.vectors.as_ref());
-                let unit = |i: usize, j: usize| f64::from(u8::from(i == j));
-                assert!(
-                    (0..gram.ncols()).all(|j| (0..gram.nrows()).all(|i| (gram[(i, j)] - unit(i, j)).abs() < 1e-14))
-                );
+                for (j, column) in gram.col_iter().enumerate() {
+                    let off = |(i, x): (usize, &f64)| (x - f64::from(u8::from(i == j))).abs();
+                    assert!(column.iter().enumerate().map(off).all(|off| off < 1e-14), "{blocks}: {j}");
+                }
             }
         }
     }
 
     #[test]
+    fn what_is_to_be_judged_reaches_beyond_what_is_wanted() {
+        let recurrence = recurrence(15);
+        let (all, _) = symmetric_eigen(recurrence.matrix().as_ref()).expect("converges");
+        let (negative, n) = (all.partition_point(|x| *x < 0.0), all.len());
+        let numbers = |below: Side, above: Side| {
+            let reach = Reach { below, above, expected: 10 };
+            let found = Projected::to_judge(&recurrence, &reach, 100.0).expect("converges").values;
+            let low = found.iter().filter(|x| **x < 0.0).count();
+            [low, found.len() - low]
+        };
+        assert_eq!(numbers(Side::Count(3), Side::Count(5)), [3 + BEYOND, 5 + BEYOND]);
+        assert_eq!(numbers(Side::Count(n), Side::Count(n)), [negative, n - negative]);
+        // Theta below -1.5 and above 1.3.
+        let [low, high] = [all.partition_point(|x| *x < -1.5), n - all.partition_point(|x| *x < 1.3)];
+        assert!(low > 3 && low + BEYOND < negative && high > 3 && high + BEYOND < n - negative);
+        let found = numbers(Side::Until(100.0 - 1.0 / 1.5), Side::Until(100.0 + 1.0 / 1.3));
+        assert_eq!(found, [low + BEYOND, high + BEYOND]);
+    }
+
+    #[test]
     fn equal_eigenvalues_and_couplings_are_left_to_the_dense_decomposition() {
-        let reach = reach(Side::Count(20), Side::Count(20));
         // Two equal blocks that do not know of each other.
         let mut twice = recurrence(1);
         twice.diagonal.push(twice.diagonal[0]);
         twice.below = vec![ZERO; 2];
-        assert!(Projected::banded(&twice, &reach, 1.0).is_none());
         let mut coupled = recurrence(4);
         coupled.couplings.push((0, 3, coupled.diagonal[1]));
-        assert!(Projected::banded(&coupled, &reach, 1.0).is_none());
         for recurrence in [twice, coupled] {
-            let (matrix, n) = (recurrence.matrix(), WIDTH * recurrence.diagonal.len());
-            let found = Projected::new(&recurrence, &reach, 1.0).expect("converges");
-            let (values, vectors) = symmetric_eigen(matrix.as_ref()).expect("converges");
+            let n = WIDTH * recurrence.diagonal.len();
+            assert!(Projected::banded(&recurrence, &|_| [n; 2]).is_none());
+            let found = Projected::nearest(&recurrence, n).expect("converges");
+            let (values, vectors) = symmetric_eigen(recurrence.matrix().as_ref()).expect("converges");
             assert!(found.values == values && found.vectors == vectors && values.len() == n);
         }
     }
