@@ -128,10 +128,7 @@ impl<'a> Solver<'a> {
             let error = match self.attempt(attempt) {
                 Err(error @ (EigenError::Cancelled | EigenError::Memory)) => return Err(error),
                 Err(EigenError::Exhausted) => return self.certified(self.dense()?, Method::Dense, 0),
-                Err(error) => {
-                    println!("FAILED {error:?}");
-                    error
-                }
+                Err(error) => error,
                 Ok(found) => return Ok(found),
             };
             attempt.number += 1;
