@@ -1,0 +1,195 @@
+//! Elimination of the first columns of a dense symmetric matrix.
+//!
+//! Columns go in panels of eight. Every entry is updated by one column after the other, in ascending order and by one fused operation each: neither the
+//! blocking nor the width of registers changes a bit.
+
+use pulp::Simd;
+
+/// Columns of a panel, and rows of a chunk: fronts are padded to multiples of it.
+pub(super) const CHUNK: usize = 8;
+
+/// Eliminated columns whose multiples are subtracted from all later ones in one pass over these.
+const BLOCK: usize = 64;
+
+type Chunk = [f64; CHUNK];
+
+/// Entries from one column of a front of this height to the next, and the number of columns that there is room for.
+pub(super) fn padded(height: usize) -> usize {
+    height.next_multiple_of(CHUNK)
+}
+
+/// Registers in a chunk.
+#[inline(always)]
+fn parts<S: Simd>() -> usize {
+    CHUNK / S::F64_LANES
+}
+
+/// A symmetric matrix, its lower triangle by columns; what is above the diagonal in the chunks of the diagonal is written, but never read into what is below.
+pub(super) struct Dense<'a> {
+    pub front: &'a mut [f64],
+    /// Entries from a column to the next, and the number of columns.
+    pub pitch: usize,
+    /// Memory.
+    pub multipliers: &'a mut Vec<Chunk>,
+}
+
+impl Dense<'_> {
+    /// Turns the first `width` columns into those of L, appends their pivots, and leaves the Schur complement in the others. `None` if a pivot vanishes or overflows.
+    #[inline(always)]
+    pub fn eliminate<S: Simd>(&mut self, simd: S, width: usize, pivots: &mut Vec<f64>) -> Option<()> {
+        let first = pivots.len();
+        for begin in (0..width).step_by(BLOCK) {
+            let end = width.min(begin + BLOCK);
+            for panel in (begin..self.pitch).step_by(CHUNK) {
+                let known = begin..panel.min(end);
+                self.update(simd, panel, known.start, &pivots[first + known.start..first + known.end]);
+                if panel < end {
+                    self.factor_panel(simd, panel, CHUNK.min(end - panel), pivots)?;
+                }
+            }
+        }
+        Some(())
+    }
+
+    /// Subtracts multiples of the columns that have these pivots from the panel that begins at a column.
+    #[inline(always)]
+    fn update<S: Simd>(&mut self, simd: S, panel: usize, from: usize, pivots: &[f64]) {
+        let pitch = self.pitch;
+        let (done, rest) = self.front.split_at_mut(panel * pitch);
+        let done = &done[from * pitch..][..pivots.len() * pitch];
+        // Minus what is left of the panel's rows times the pivots.
+        self.multipliers.clear();
+        for (column, pivot) in done.chunks_exact(pitch).zip(pivots) {
+            let rows = &column[panel..panel + CHUNK];
+            self.multipliers.push(std::array::from_fn(|r| -(rows[r] * pivot)));
+        }
+        let (multipliers, parts) = (self.multipliers.as_slice(), parts::<S>());
+        let (target, done) = (S::as_mut_simd_f64s(&mut rest[..CHUNK * pitch]).0, S::as_simd_f64s(done).0);
+        let (begin, pitch) = (panel / CHUNK * parts, pitch / CHUNK * parts);
+        let mut at = begin;
+        while at < pitch {
+            at += match pitch - at {
+                3.. => tile::<S, 3>(simd, target, done, pitch, at, multipliers),
+                2 => tile::<S, 2>(simd, target, done, pitch, at, multipliers),
+                _ => tile::<S, 1>(simd, target, done, pitch, at, multipliers),
+            };
+        }
+    }
+
+    /// Eliminates the first columns of the panel that begins at a column.
+    #[inline(always)]
+    fn factor_panel<S: Simd>(&mut self, simd: S, panel: usize, columns: usize, pivots: &mut Vec<f64>) -> Option<()> {
+        let pitch = self.pitch;
+        let target = &mut self.front[panel * pitch..][..CHUNK * pitch];
+        let mut inverses = [0.0; CHUNK];
+        let mut multipliers = [[0.0; CHUNK]; CHUNK];
+        for c in 0..columns {
+            let (head, rest) = target.split_at_mut((c + 1) * pitch);
+            let column = &mut head[c * pitch + panel..][..CHUNK];
+            let pivot = column[c];
+            let inverse = 1.0 / pivot;
+            if !inverse.is_finite() || inverse == 0.0 {
+                return None;
+            }
+            pivots.push(pivot);
+            inverses[c] = inverse;
+            for r in 0..CHUNK {
+                column[r] *= inverse;
+                multipliers[c][r] = -(column[r] * pivot);
+            }
+            for (j, later) in (c + 1..CHUNK).zip(rest.chunks_exact_mut(pitch)) {
+                let later = &mut later[panel..panel + CHUNK];
+                for r in 0..CHUNK {
+                    later[r] = multipliers[c][j].mul_add(column[r], later[r]);
+                }
+            }
+        }
+        let parts = parts::<S>();
+        let (target, begin, pitch) =
+            (S::as_mut_simd_f64s(target).0, (panel / CHUNK + 1) * parts, pitch / CHUNK * parts);
+        for at in begin..pitch {
+            match columns {
+                1 => eliminate_row::<S, 1>(simd, target, pitch, at, &inverses, &multipliers),
+                2 => eliminate_row::<S, 2>(simd, target, pitch, at, &inverses, &multipliers),
+                3 => eliminate_row::<S, 3>(simd, target, pitch, at, &inverses, &multipliers),
+                4 => eliminate_row::<S, 4>(simd, target, pitch, at, &inverses, &multipliers),
+                5 => eliminate_row::<S, 5>(simd, target, pitch, at, &inverses, &multipliers),
+                6 => eliminate_row::<S, 6>(simd, target, pitch, at, &inverses, &multipliers),
+                7 => eliminate_row::<S, 7>(simd, target, pitch, at, &inverses, &multipliers),
+                _ => eliminate_row::<S, 8>(simd, target, pitch, at, &inverses, &multipliers),
+            }
+        }
+        Some(())
+    }
+}
+
+/// The first C columns of a panel below its triangle, for one register of rows.
+#[inline(always)]
+fn eliminate_row<S: Simd, const C: usize>(
+    simd: S,
+    panel: &mut [S::f64s],
+    pitch: usize,
+    at: usize,
+    inverses: &Chunk,
+    multipliers: &[Chunk; CHUNK],
+) {
+    let mut x: [S::f64s; CHUNK] = std::array::from_fn(|j| panel[j * pitch + at]);
+    for c in 0..C {
+        x[c] = simd.mul_f64s(x[c], simd.splat_f64s(inverses[c]));
+        for j in c + 1..CHUNK {
+            x[j] = simd.mul_add_f64s(simd.splat_f64s(multipliers[c][j]), x[c], x[j]);
+        }
+    }
+    for j in 0..CHUNK {
+        panel[j * pitch + at] = x[j];
+    }
+}
+
+/// Adds multiples of columns to R registers of rows of a panel. Returns R.
+#[inline(always)]
+fn tile<S: Simd, const R: usize>(
+    simd: S,
+    panel: &mut [S::f64s],
+    columns: &[S::f64s],
+    pitch: usize,
+    at: usize,
+    multipliers: &[Chunk],
+) -> usize {
+    if parts::<S>() == 1 {
+        multiply::<S, R, CHUNK>(simd, panel, columns, pitch, at, multipliers, 0);
+    } else {
+        // Fewer registers.
+        multiply::<S, R, { CHUNK / 2 }>(simd, panel, columns, pitch, at, multipliers, 0);
+        multiply::<S, R, { CHUNK / 2 }>(simd, panel, columns, pitch, at, multipliers, CHUNK / 2);
+    }
+    R
+}
+
+/// The same for C columns of the panel.
+#[inline(always)]
+fn multiply<S: Simd, const R: usize, const C: usize>(
+    simd: S,
+    panel: &mut [S::f64s],
+    columns: &[S::f64s],
+    pitch: usize,
+    at: usize,
+    multipliers: &[Chunk],
+    first: usize,
+) {
+    let mut sums: [[S::f64s; R]; C] =
+        std::array::from_fn(|c| std::array::from_fn(|r| panel[(first + c) * pitch + at + r]));
+    for (multiplier, column) in multipliers.iter().zip(columns.chunks_exact(pitch)) {
+        let column: [S::f64s; R] = std::array::from_fn(|r| column[at + r]);
+        for c in 0..C {
+            let multiplier = simd.splat_f64s(multiplier[first + c]);
+            for r in 0..R {
+                sums[c][r] = simd.mul_add_f64s(multiplier, column[r], sums[c][r]);
+            }
+        }
+    }
+    for c in 0..C {
+        for r in 0..R {
+            panel[(first + c) * pitch + at + r] = sums[c][r];
+        }
+    }
+}

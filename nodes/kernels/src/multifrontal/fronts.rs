@@ -1,0 +1,140 @@
+//! Numeric factorisation: fronts are assembled, eliminated in part, and what is left waits for the parent.
+
+use super::dense::{CHUNK, Dense, padded};
+use super::{Lower, Supernode, Symbolic};
+use pulp::{Arch, Simd, WithSimd};
+
+/// The eliminated columns of a front.
+pub(crate) struct Eliminated<'a> {
+    /// The supernode that they belong to.
+    pub node: &'a Supernode,
+    /// L by columns, `pitch` entries apart, of which the first [`Supernode::height`] count: below the diagonal, since what is above it has no meaning, nor has the
+    /// diagonal.
+    pub columns: &'a [f64],
+    pub pitch: usize,
+}
+
+/// What takes the factor, supernode after supernode.
+pub(crate) trait Keep {
+    /// Called once for each supernode, in elimination order. Must be inlined for the vector instructions of the caller.
+    fn keep(&mut self, front: &Eliminated<'_>);
+}
+
+/// Pivots are all that is wanted.
+impl Keep for () {
+    #[inline(always)]
+    fn keep(&mut self, _: &Eliminated<'_>) {}
+}
+
+/// Memory for factorisations, kept from one to the next.
+#[derive(Default)]
+pub(crate) struct Fronts {
+    front: Vec<f64>,
+    /// Lower triangles, by columns, of what finished fronts leave behind.
+    stack: Vec<f64>,
+    /// The supernodes on the stack.
+    waiting: Vec<usize>,
+    multipliers: Vec<[f64; CHUNK]>,
+    /// The diagonal of D.
+    pub pivots: Vec<f64>,
+}
+
+impl Fronts {
+    /// Numbers that there is memory for.
+    pub fn capacity(&self) -> usize {
+        self.front.capacity() + self.stack.capacity()
+    }
+
+    /// Factors A - shift I. The number of negative pivots, which by Sylvester's law of inertia is that of eigenvalues below the shift; `None` if a pivot
+    /// vanishes or overflows.
+    pub fn factor(
+        &mut self,
+        symbolic: &Symbolic,
+        lower: &Lower,
+        shift: f64,
+        keep: &mut (impl Keep + ?Sized),
+    ) -> Option<usize> {
+        self.stack.clear();
+        self.waiting.clear();
+        self.pivots.clear();
+        let size = padded(symbolic.largest);
+        // Fronts begin where a cache line does.
+        self.front.resize(size * size + CHUNK, 0.0);
+        Arch::new().dispatch(Factorisation { fronts: self, symbolic, lower, shift, keep })?;
+        Some(self.pivots.iter().filter(|p| **p < 0.0).count())
+    }
+}
+
+struct Factorisation<'a, K: ?Sized> {
+    fronts: &'a mut Fronts,
+    symbolic: &'a Symbolic,
+    lower: &'a Lower,
+    shift: f64,
+    keep: &'a mut K,
+}
+
+impl<K: Keep + ?Sized> WithSimd for Factorisation<'_, K> {
+    type Output = Option<()>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Option<()> {
+        let Self { fronts, symbolic, lower, shift, keep } = self;
+        for (s, node) in symbolic.nodes.iter().enumerate() {
+            let Fronts { front, stack, waiting, multipliers, pivots } = &mut *fronts;
+            let height = node.height();
+            let begin = front.as_ptr().align_offset(64).min(CHUNK);
+            let pitch = padded(height);
+            let front = &mut front[begin..][..pitch * pitch];
+            clear(front, pitch);
+            add_entries(front, pitch, symbolic, lower, node, shift);
+            // The last child is on top of the stack.
+            for child in waiting.drain(waiting.len() - node.children..).rev() {
+                let places = &symbolic.in_parent[symbolic.nodes[child].below()];
+                let top = stack.len() - places.len() * (places.len() + 1) / 2;
+                add_child(front, pitch, places, &stack[top..]);
+                stack.truncate(top);
+            }
+            Dense { front, pitch, multipliers }.eliminate(simd, node.width(), pivots)?;
+            keep.keep(&Eliminated { node, columns: &front[..node.width() * pitch], pitch });
+            for j in node.width()..height {
+                stack.extend_from_slice(&front[j * pitch + j..j * pitch + height]);
+            }
+            waiting.push(s);
+        }
+        Some(())
+    }
+}
+
+/// Zeros in the lower triangle, and as far above it as chunks reach.
+#[inline(always)]
+fn clear(front: &mut [f64], pitch: usize) {
+    for (j, column) in front.chunks_exact_mut(pitch).enumerate() {
+        column.as_chunks_mut::<CHUNK>().0[j / CHUNK..].fill([0.0; CHUNK]);
+    }
+}
+
+/// Adds the matrix's entries in a supernode's columns.
+#[inline(always)]
+fn add_entries(front: &mut [f64], pitch: usize, symbolic: &Symbolic, lower: &Lower, node: &Supernode, shift: f64) {
+    for (at, column) in front.chunks_exact_mut(pitch).take(node.width()).enumerate() {
+        let j = node.begin + at;
+        column[at] = lower.diagonal[j] - shift;
+        let entries = lower.starts[j] as usize..lower.starts[j + 1] as usize;
+        for (&at, &entry) in symbolic.in_front[entries.clone()].iter().zip(&lower.entries[entries]) {
+            column[at as usize] += entry;
+        }
+    }
+}
+
+/// Adds what a child left.
+#[inline(always)]
+fn add_child(front: &mut [f64], pitch: usize, places: &[u32], mut rest: &[f64]) {
+    for (k, &column) in places.iter().enumerate() {
+        let (now, later) = rest.split_at(places.len() - k);
+        rest = later;
+        let column = &mut front[column as usize * pitch..][..pitch];
+        for (&at, &x) in places[k..].iter().zip(now) {
+            column[at as usize] += x;
+        }
+    }
+}
