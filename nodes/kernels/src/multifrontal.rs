@@ -15,8 +15,7 @@ pub(crate) use symbolic::{Supernode, Symbolic};
 
 use crate::sparse::SymmetricCsr;
 
-/// A symmetric matrix in elimination order: the diagonal, and below it columns, their rows in no order.
-#[derive(Default)]
+/// A symmetric matrix in elimination order: the diagonal, and below it columns, their rows ascending.
 pub(crate) struct Lower {
     pub diagonal: Vec<f64>,
     pub starts: Vec<u32>,
@@ -25,31 +24,16 @@ pub(crate) struct Lower {
 }
 
 impl Lower {
-    /// The rows and columns of `matrix` that are in the order, divided by `roots` from both sides.
+    /// The rows and columns of `matrix` that are in the order, divided by `roots` from both sides, which are in the order too.
     pub fn scaled(matrix: &SymmetricCsr, elimination: &Elimination, roots: &[f64]) -> Self {
-        let n = elimination.order.len();
-        let half = matrix.columns().len().saturating_sub(matrix.n()) / 2;
-        let mut lower = Self {
-            diagonal: Vec::with_capacity(n),
-            starts: Vec::with_capacity(n + 1),
-            rows: Vec::with_capacity(half),
-            entries: Vec::with_capacity(half),
-        };
-        lower.starts.push(0);
-        for (at, &row) in elimination.order.iter().enumerate() {
-            let own = roots[row as usize];
-            for (column, value) in matrix.row(row as usize) {
-                let to = elimination.position[column];
-                if to as usize == at {
-                    lower.diagonal.push(value / (own * own));
-                } else if to != NONE && to as usize > at {
-                    lower.rows.push(to);
-                    lower.entries.push(value / (own * roots[column]));
-                }
-            }
-            lower.starts.push(lower.rows.len() as u32);
+        let (places, values) = (&elimination.entries, matrix.values());
+        let mut entries = Vec::with_capacity(places.rows.len());
+        for (j, own) in roots.iter().enumerate() {
+            let column = places.rows[places.column(j)].iter().zip(&places.sources[places.column(j)]);
+            entries.extend(column.map(|(&i, &source)| values[source as usize] / (own * roots[i as usize])));
         }
-        lower
+        let diagonal = places.diagonal.iter().zip(roots).map(|(&source, own)| values[source as usize] / (own * own));
+        Self { diagonal: diagonal.collect(), starts: places.column_starts.clone(), rows: places.rows.clone(), entries }
     }
 
     /// The order of the matrix.

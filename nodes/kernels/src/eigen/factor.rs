@@ -24,8 +24,9 @@ impl Factorizer {
     pub fn new(problem: &Problem<'_>) -> Result<Self, EigenError> {
         let matrix = problem.stiffness;
         let elimination = Elimination::minimum_degree(matrix).ok_or(EigenError::Memory)?;
-        let lower = Lower::scaled(matrix, &elimination, &problem.root);
-        let shape = Arc::new(Shape::new(Symbolic::new(matrix, &elimination, &lower, &RELAXED)));
+        let roots: Vec<f64> = elimination.order.iter().map(|&row| problem.root[row as usize]).collect();
+        let lower = Lower::scaled(matrix, &elimination, &roots);
+        let shape = Arc::new(Shape::new(Symbolic::new(&elimination, &RELAXED)));
         Ok(Self { order: elimination.order, lower, shape, area: problem.area, fronts: Spare::new() })
     }
 

@@ -1,8 +1,6 @@
 //! Supernodes: runs of columns of the factor with the same pattern, or nearly so, and how their fronts fit into each other.
 
-use super::Lower;
-use super::order::{Elimination, NONE};
-use crate::sparse::SymmetricCsr;
+use super::order::{Elimination, Entries, NONE};
 use std::ops::Range;
 
 /// A supernode: columns `begin..end` of the factor, and its rows below them.
@@ -46,14 +44,13 @@ pub(crate) struct Symbolic {
 }
 
 impl Symbolic {
-    /// The pattern for a matrix in elimination order.
+    /// The pattern of the factor in this order.
     ///
     /// Runs of columns are merged with the one after them as long as at most a share of the merged one is zero, `relaxed` by the largest number of
     /// columns: zeros cost arithmetic, small supernodes cost everything else.
-    pub fn new(matrix: &SymmetricCsr, elimination: &Elimination, lower: &Lower, relaxed: &[(usize, f64)]) -> Self {
-        let n = lower.n();
+    pub fn new(elimination: &Elimination, relaxed: &[(usize, f64)]) -> Self {
         let mut nodes = Vec::new();
-        let mut node_of = vec![0u32; n];
+        let mut node_of = vec![0u32; elimination.parents.len()];
         let mut rows = 0;
         for (s, run) in merged(elimination, relaxed).into_iter().rev().enumerate() {
             let below = run.height - (run.end - run.begin);
@@ -67,24 +64,25 @@ impl Symbolic {
             nodes[parent as usize].children += 1;
         }
         let largest = nodes.iter().map(Supernode::height).max().unwrap_or(0);
-        let rows = fill(matrix, elimination, &nodes, &node_of, &parents);
-        let (in_parent, in_front) = (vec![0; rows.len()], vec![0; lower.rows.len()]);
+        let rows = fill(&elimination.entries, &nodes, &node_of, &parents);
+        let (in_parent, in_front) = (vec![0; rows.len()], vec![0; elimination.entries.rows.len()]);
         let mut symbolic = Self { nodes, rows, in_parent, in_front, largest };
-        symbolic.place(lower);
+        symbolic.place(&elimination.entries);
         symbolic
     }
 
     /// Finds the places in fronts.
-    fn place(&mut self, lower: &Lower) {
-        let mut place = vec![0u32; lower.n()];
+    fn place(&mut self, entries: &Entries) {
+        let mut place = vec![0u32; entries.diagonal.len()];
         let mut waiting: Vec<usize> = Vec::new();
         for (s, node) in self.nodes.iter().enumerate() {
             let rows = (node.begin as u32..node.end as u32).chain(self.rows[node.below()].iter().copied());
             for (row, at) in rows.zip(0..) {
                 place[row as usize] = at;
             }
-            for entry in lower.starts[node.begin] as usize..lower.starts[node.end] as usize {
-                self.in_front[entry] = place[lower.rows[entry] as usize];
+            let own = entries.column(node.begin).start..entries.column(node.end - 1).end;
+            for (at, &row) in self.in_front[own.clone()].iter_mut().zip(&entries.rows[own]) {
+                *at = place[row as usize];
             }
             for child in waiting.drain(waiting.len() - node.children..) {
                 for at in self.nodes[child].below() {
@@ -97,18 +95,12 @@ impl Symbolic {
 }
 
 /// The rows below each supernode: row i is in those on the paths from the entries of the matrix's row up to that of column i.
-fn fill(
-    matrix: &SymmetricCsr,
-    elimination: &Elimination,
-    nodes: &[Supernode],
-    node_of: &[u32],
-    parents: &[u32],
-) -> Vec<u32> {
+fn fill(entries: &Entries, nodes: &[Supernode], node_of: &[u32], parents: &[u32]) -> Vec<u32> {
     let mut rows = vec![0; nodes.last().map_or(0, |node| node.rows.1)];
     let mut next: Vec<usize> = nodes.iter().map(|node| node.rows.0).collect();
     let mut met = vec![NONE; nodes.len()];
     for i in 0..node_of.len() as u32 {
-        for j in elimination.neighbours(matrix, i).filter(|&j| j < i) {
+        for &j in entries.row(i) {
             let mut s = node_of[j as usize];
             while s < node_of[i as usize] && met[s as usize] != i {
                 met[s as usize] = i;

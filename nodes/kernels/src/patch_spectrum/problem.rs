@@ -33,7 +33,7 @@ fn has_both(on_rim: &[bool]) -> bool {
 impl Problem {
     /// The same problems, for dense solvers.
     pub fn in_any_order(operator: &Operator, on_rim: &[bool]) -> Vec<Self> {
-        let plain = |order| Self::new(operator, &Elimination::plain(on_rim.len(), order));
+        let plain = |order| Self::new(operator, &Elimination::plain(&operator.stiffness, order));
         let all = (0..on_rim.len() as u32).collect();
         let inner = has_both(on_rim).then(|| (0..on_rim.len() as u32).filter(|&v| !on_rim[v as usize]).collect());
         std::iter::once(all).chain(inner).map(plain).collect()
@@ -41,18 +41,18 @@ impl Problem {
 
     fn new(operator: &Operator, elimination: &Elimination) -> Self {
         let (matrix, order, area) = (&operator.stiffness, &elimination.order, operator.area());
-        let roots: Vec<f64> = operator.mass.iter().map(|mass| (mass / area).sqrt()).collect();
-        let lower = Lower::scaled(matrix, elimination, &roots);
+        let root: Vec<f64> = order.iter().map(|&row| (operator.mass[row as usize] / area).sqrt()).collect();
+        let lower = Lower::scaled(matrix, elimination, &root);
         let has_null = order.len() == matrix.n();
         let mut pull = vec![0.0; order.len()];
         if !has_null {
-            for (pull, &row) in pull.iter_mut().zip(order) {
+            for ((pull, own), &row) in pull.iter_mut().zip(&root).zip(order) {
                 let left_out = matrix.row(row as usize).filter(|e| elimination.position[e.0] == NONE);
-                *pull -= left_out.map(|(_, value)| value / roots[row as usize]).sum::<f64>();
+                *pull -= left_out.map(|(_, value)| value / own).sum::<f64>();
             }
         }
-        let symbolic = Symbolic::new(matrix, elimination, &lower, &RELAXED);
-        Self { has_null, lower, symbolic, root: order.iter().map(|&row| roots[row as usize]).collect(), pull }
+        let symbolic = Symbolic::new(elimination, &RELAXED);
+        Self { has_null, lower, symbolic, root, pull }
     }
 
     /// The order of A.
