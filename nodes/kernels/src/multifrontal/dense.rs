@@ -193,3 +193,89 @@ fn multiply<S: Simd, const R: usize, const C: usize>(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+    use pulp::{Arch, WithSimd};
+
+    /// A random matrix with a heavy diagonal of both signs, padded with zeros.
+    fn random_front(size: usize) -> Vec<f64> {
+        let (pitch, mut random) = (padded(size), Random::new(&[size as u64]));
+        let mut front = vec![0.0; pitch * pitch];
+        for j in 0..size {
+            for i in j..size {
+                front[j * pitch + i] = random.signed();
+            }
+            front[j * pitch + j] += if j % 3 == 0 { -30.0 } else { 30.0 };
+        }
+        front
+    }
+
+    /// The same by the definition, one column after the other.
+    fn plain(front: &mut [f64], pitch: usize, width: usize) -> Vec<f64> {
+        let mut pivots = Vec::new();
+        for c in 0..width {
+            let pivot = front[c * pitch + c];
+            for i in c..pitch {
+                front[c * pitch + i] *= 1.0 / pivot;
+            }
+            for j in c + 1..pitch {
+                let multiplier = -(front[c * pitch + j] * pivot);
+                for i in j..pitch {
+                    front[j * pitch + i] = multiplier.mul_add(front[c * pitch + i], front[j * pitch + i]);
+                }
+            }
+            pivots.push(pivot);
+        }
+        pivots
+    }
+
+    struct Elimination<'a>(&'a mut [f64], usize, usize);
+
+    impl WithSimd for Elimination<'_> {
+        type Output = Option<Vec<f64>>;
+
+        fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+            let Self(front, pitch, width) = self;
+            let mut pivots = Vec::new();
+            Dense { front, pitch, multipliers: &mut Vec::new() }.eliminate(simd, width, &mut pivots)?;
+            Some(pivots)
+        }
+    }
+
+    #[test]
+    fn neither_blocks_nor_the_width_of_registers_change_a_bit() {
+        for (size, width) in
+            [(1, 1), (5, 2), (8, 8), (9, 8), (23, 7), (40, 17), (64, 64), (73, 65), (150, 129), (213, 80)]
+        {
+            let (front, pitch) = (random_front(size), padded(size));
+            let mut expected = front.clone();
+            let pivots = plain(&mut expected, pitch, width);
+            let check = |run: &dyn Fn(Elimination<'_>) -> Option<Vec<f64>>| {
+                let mut found = front.clone();
+                assert_eq!(run(Elimination(&mut found, pitch, width)).as_ref(), Some(&pivots));
+                for j in 0..size {
+                    let below = j * pitch + j..j * pitch + size;
+                    assert_eq!(found[below.clone()], expected[below], "column {j} of {size}, {width} eliminated");
+                }
+            };
+            check(&|e| Arch::new().dispatch(e));
+            check(&|e| e.with_simd(pulp::Scalar512b));
+            check(&|e| e.with_simd(pulp::Scalar256b));
+            check(&|e| e.with_simd(pulp::Scalar));
+        }
+    }
+
+    #[test]
+    fn pivots_that_vanish_or_overflow_are_told() {
+        for (at, pivot) in [(0, 0.0), (3, f64::INFINITY), (17, f64::NAN)] {
+            let (mut front, pitch) = (vec![0.0; 24 * 24], 24);
+            (0..20).for_each(|j| front[j * pitch + j] = 1.0);
+            front[at * pitch + at] = pivot;
+            assert_eq!(Arch::new().dispatch(Elimination(&mut front, pitch, 20)), None);
+            assert_eq!(plain(&mut front, pitch, at).len(), at);
+        }
+    }
+}

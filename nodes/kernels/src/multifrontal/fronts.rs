@@ -138,3 +138,96 @@ fn add_child(front: &mut [f64], pitch: usize, places: &[u32], mut rest: &[f64]) 
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::symbolic::tests::matrix;
+    use super::*;
+    use crate::multifrontal::Elimination;
+    use crate::random::Random;
+    use crate::sparse::SymmetricCsr;
+    use faer::{Mat, Side};
+
+    /// L as a dense matrix.
+    struct Full<'a>(Mat<f64>, &'a Symbolic);
+
+    impl Keep for Full<'_> {
+        fn keep(&mut self, front: &Eliminated<'_>) {
+            let node = front.node;
+            let rows = (node.begin..node.end).chain(self.1.rows[node.below()].iter().map(|&r| r as usize));
+            for (at, row) in rows.enumerate() {
+                for c in 0..node.width().min(at) {
+                    self.0[(row, node.begin + c)] = front.columns[c * front.pitch + at];
+                }
+            }
+        }
+    }
+
+    fn dense(lower: &Lower) -> Mat<f64> {
+        let mut a = Mat::zeros(lower.n(), lower.n());
+        for j in 0..lower.n() {
+            a[(j, j)] = lower.diagonal[j];
+            for (i, x) in lower.column(j) {
+                (a[(i, j)], a[(j, i)]) = (x, x);
+            }
+        }
+        a
+    }
+
+    fn check(matrix: &SymmetricCsr, shifts: &[f64], largest: usize) {
+        let elimination = Elimination::minimum_degree(matrix).expect("memory");
+        let mut random = Random::new(&[3]);
+        let roots: Vec<f64> = (0..matrix.n()).map(|_| 0.8 + 0.4 * random.unit()).collect();
+        let lower = Lower::scaled(matrix, &elimination, &roots);
+        let symbolic = Symbolic::new(&elimination, &[(4, 0.5), (16, 0.2)]);
+        assert!(symbolic.largest >= largest);
+        let a = dense(&lower);
+        let values = a.self_adjoint_eigenvalues(Side::Lower).expect("converges");
+        let mut fronts = Fronts::default();
+        for &shift in shifts {
+            let below = values.iter().filter(|v| **v < shift).count();
+            assert_eq!(fronts.factor(&symbolic, &lower, shift, &mut ()), Some(below), "below {shift}");
+            let mut full = Full(Mat::identity(lower.n(), lower.n()), &symbolic);
+            assert_eq!(fronts.factor(&symbolic, &lower, shift, &mut full), Some(below));
+            let scaled = Mat::from_fn(lower.n(), lower.n(), |i, j| full.0[(i, j)] * fronts.pivots[j]);
+            let difference = scaled * full.0.transpose() - &a + Mat::<f64>::identity(lower.n(), lower.n()) * shift;
+            let growth = full.0.norm_max() * full.0.norm_max() * (1.0 + a.norm_max());
+            assert!(difference.norm_max() < 1e-12 * growth, "{} at {shift}", difference.norm_max());
+        }
+    }
+
+    #[test]
+    fn factors_are_those_of_the_matrix_and_count_its_eigenvalues() {
+        check(&SymmetricCsr::graph_laplacian(1, std::iter::empty(), &[]), &[-1.0, 0.5], 1);
+        check(&matrix(1, 0, 0), &[-0.5, 1.2], 1);
+        check(&matrix(13, 0, 4), &[-0.1, 0.9, 4.3, 20.0], 8);
+        // A separator of hundreds of rows.
+        check(&matrix(20, 700, 2), &[-0.1, 3.7, 9.1], 150);
+    }
+
+    #[test]
+    fn one_front_may_be_all_of_it() {
+        let n = 141;
+        let ends = (0..n).flat_map(|i| (0..i).map(move |j| (i, j)));
+        let mut random = Random::new(&[n.into()]);
+        let weights: Vec<f64> = ends.clone().map(|_| random.signed()).collect();
+        check(&SymmetricCsr::graph_laplacian(n as usize, ends, &weights), &[-7.3, 0.4, 11.0], 141);
+    }
+
+    #[test]
+    fn breakdown_is_told_and_what_was_computed_before_does_not_matter() {
+        // Isolated rows have no entries: their pivot is minus the shift.
+        let matrix = matrix(9, 0, 1);
+        let elimination = Elimination::minimum_degree(&matrix).expect("memory");
+        let lower = Lower::scaled(&matrix, &elimination, &vec![1.0; matrix.n()]);
+        let symbolic = Symbolic::new(&elimination, &[]);
+        let mut fronts = Fronts::default();
+        let below = fronts.factor(&symbolic, &lower, 0.3, &mut ());
+        let pivots = fronts.pivots.clone();
+        assert!(below > Some(2));
+        assert_eq!(fronts.factor(&symbolic, &lower, 0.0, &mut ()), None);
+        assert_eq!(fronts.factor(&symbolic, &lower, f64::NAN, &mut ()), None);
+        assert_eq!(fronts.factor(&symbolic, &lower, 0.3, &mut ()), below);
+        assert_eq!(fronts.pivots, pivots);
+    }
+}

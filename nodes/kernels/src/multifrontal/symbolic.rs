@@ -150,3 +150,112 @@ fn merged(elimination: &Elimination, relaxed: &[(usize, f64)]) -> Vec<Run> {
     }
     runs
 }
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::random::Random;
+    use crate::sparse::SymmetricCsr;
+
+    /// A weighted graph with components, isolated rows, a grid and chords across it, its rows in random order.
+    pub fn matrix(grid: usize, chords: usize, isolated: usize) -> SymmetricCsr {
+        let mut random = Random::new(&[grid as u64, chords as u64]);
+        let n = grid * grid + 3 + isolated;
+        let names = random.permutation(n);
+        let at = |i: usize, j: usize| names[i * grid + j];
+        // A path of three rows is another component.
+        let mut ends =
+            vec![(names[grid * grid], names[grid * grid + 1]), (names[grid * grid + 1], names[grid * grid + 2])];
+        for (i, j) in (0..grid).flat_map(|i| (0..grid).map(move |j| (i, j))) {
+            ends.extend((i + 1 < grid).then(|| (at(i, j), at(i + 1, j))));
+            ends.extend((j + 1 < grid).then(|| (at(i, j), at(i, j + 1))));
+        }
+        for _ in 0..chords {
+            let mut any = || names[(random.unit() * (grid * grid) as f64) as usize];
+            ends.push((any(), any()));
+        }
+        let weights: Vec<f64> = ends.iter().map(|_| 0.5 + random.unit()).collect();
+        SymmetricCsr::graph_laplacian(n, ends.into_iter(), &weights)
+    }
+
+    /// The pattern of the factor, by elimination of one row after the other.
+    fn pattern(matrix: &SymmetricCsr, elimination: &Elimination) -> Vec<Vec<bool>> {
+        let n = elimination.order.len();
+        let mut columns = vec![vec![false; n]; n];
+        for (j, &row) in elimination.order.iter().enumerate() {
+            for (column, _) in matrix.row(row as usize) {
+                if elimination.position[column] != NONE {
+                    columns[j][elimination.position[column] as usize] = true;
+                }
+            }
+        }
+        for j in 0..n {
+            let below: Vec<usize> = (j + 1..n).filter(|&i| columns[j][i]).collect();
+            for &k in &below {
+                below.iter().filter(|&&i| i > k).for_each(|&i| columns[k][i] = true);
+            }
+            columns[j][..j].fill(false);
+        }
+        columns
+    }
+
+    fn check(matrix: &SymmetricCsr, elimination: &Elimination, relaxed: &[(usize, f64)]) {
+        let (n, columns) = (elimination.order.len(), pattern(matrix, elimination));
+        for (j, column) in columns.iter().enumerate() {
+            assert_eq!(elimination.counts[j] as usize, column.iter().filter(|x| **x).count(), "column {j}");
+            let parent = (j + 1..n).find(|&i| column[i]).map_or(NONE, |i| i as u32);
+            assert_eq!(elimination.parents[j], parent);
+        }
+        let symbolic = Symbolic::new(elimination, relaxed);
+        let rows = |s: usize| {
+            let node = &symbolic.nodes[s];
+            (node.begin as u32..node.end as u32)
+                .chain(symbolic.rows[node.below()].iter().copied())
+                .collect::<Vec<u32>>()
+        };
+        let (mut waiting, mut end) = (Vec::<usize>::new(), 0);
+        for (s, node) in symbolic.nodes.iter().enumerate() {
+            assert_eq!((node.begin, node.height()), (end, rows(s).len()));
+            end = node.end;
+            assert!(rows(s).is_sorted());
+            let (mut zeros, mut stored) = (0, 0);
+            for j in node.begin..node.end {
+                let later: Vec<u32> = rows(s).into_iter().filter(|&i| i as usize >= j).collect();
+                let real: Vec<u32> = (j as u32..n as u32).filter(|&i| columns[j][i as usize]).collect();
+                assert!(real.iter().all(|i| later.contains(i)), "column {j}");
+                (zeros, stored) = (zeros + later.len() - real.len(), stored + later.len());
+                for entry in elimination.entries.column(j) {
+                    let at = symbolic.in_front[entry] as usize;
+                    assert_eq!(rows(s)[at], elimination.entries.rows[entry]);
+                }
+            }
+            let share = zeros as f64 / stored as f64;
+            assert!(
+                zeros == 0 || relaxed.iter().any(|r| node.width() <= r.0 && share <= r.1),
+                "{share} of supernode {s}"
+            );
+            for child in waiting.split_off(waiting.len() - node.children) {
+                let below = symbolic.nodes[child].below();
+                for (&row, &at) in symbolic.rows[below.clone()].iter().zip(&symbolic.in_parent[below]) {
+                    assert_eq!(rows(s)[at as usize], row);
+                }
+            }
+            waiting.push(s);
+        }
+        assert!(end == n && waiting.iter().all(|&s| symbolic.nodes[s].below().is_empty()), "roots are left");
+    }
+
+    #[test]
+    fn patterns_are_those_of_elimination() {
+        for (grid, chords, isolated) in [(1, 0, 0), (3, 0, 2), (9, 0, 1), (12, 30, 3)] {
+            let matrix = matrix(grid, chords, isolated);
+            let all = Elimination::minimum_degree(&matrix).expect("memory");
+            let mut left_out = vec![false; matrix.n()];
+            (0..matrix.n()).step_by(5).for_each(|row| left_out[row] = true);
+            for elimination in [&all, &all.without(&matrix, &left_out)] {
+                check(&matrix, elimination, &[]);
+                check(&matrix, elimination, &[(4, 0.5), (16, 0.2), (usize::MAX, 0.05)]);
+            }
+        }
+    }
+}
