@@ -359,7 +359,7 @@ mod tests {
         let factorizer = Factorizer::new(&problem).expect("small");
         let (order, shift) = (factorizer.order(), 320.0);
         let packed = factorizer.factor(shift).expect("not singular");
-        let widest = packed.shape.symbolic.nodes.iter().map(|node| node.width()).max();
+        let widest = packed.shape.symbolic.nodes.iter().map(crate::multifrontal::Supernode::width).max();
         assert!(packed.negative() > 10 && widest > Some(16), "an indefinite factor with all sizes of supernodes");
         let mut random = Random::from_state(7);
         let right: Vec<Row> = order.iter().map(|_| std::array::from_fn(|_| random.signed())).collect();

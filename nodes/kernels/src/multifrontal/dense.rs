@@ -63,15 +63,16 @@ impl Dense<'_> {
             let rows = &column[panel..panel + CHUNK];
             self.multipliers.push(std::array::from_fn(|r| -(rows[r] * pivot)));
         }
-        let (multipliers, parts) = (self.multipliers.as_slice(), parts::<S>());
-        let (target, done) = (S::as_mut_simd_f64s(&mut rest[..CHUNK * pitch]).0, S::as_simd_f64s(done).0);
-        let (begin, pitch) = (panel / CHUNK * parts, pitch / CHUNK * parts);
+        let registers = S::as_mut_simd_f64s(&mut rest[..CHUNK * pitch]).0;
+        let (begin, end) = (panel / CHUNK * parts::<S>(), pitch / CHUNK * parts::<S>());
+        let mut update =
+            Update { panel: registers, columns: S::as_simd_f64s(done).0, pitch: end, multipliers: self.multipliers };
         let mut at = begin;
-        while at < pitch {
-            at += match pitch - at {
-                3.. => tile::<S, 3>(simd, target, done, pitch, at, multipliers),
-                2 => tile::<S, 2>(simd, target, done, pitch, at, multipliers),
-                _ => tile::<S, 1>(simd, target, done, pitch, at, multipliers),
+        while at < end {
+            at += match end - at {
+                3.. => update.rows::<S, 3>(simd, at),
+                2 => update.rows::<S, 2>(simd, at),
+                _ => update.rows::<S, 1>(simd, at),
             };
         }
     }
@@ -145,51 +146,47 @@ fn eliminate_row<S: Simd, const C: usize>(
     }
 }
 
-/// Adds multiples of columns to R registers of rows of a panel. Returns R.
-#[inline(always)]
-fn tile<S: Simd, const R: usize>(
-    simd: S,
-    panel: &mut [S::f64s],
-    columns: &[S::f64s],
+/// Multiples of columns that are added to those of a panel, in registers of rows.
+struct Update<'a, T> {
+    panel: &'a mut [T],
+    columns: &'a [T],
     pitch: usize,
-    at: usize,
-    multipliers: &[Chunk],
-) -> usize {
-    if parts::<S>() == 1 {
-        multiply::<S, R, CHUNK>(simd, panel, columns, pitch, at, multipliers, 0);
-    } else {
-        // Fewer registers.
-        multiply::<S, R, { CHUNK / 2 }>(simd, panel, columns, pitch, at, multipliers, 0);
-        multiply::<S, R, { CHUNK / 2 }>(simd, panel, columns, pitch, at, multipliers, CHUNK / 2);
-    }
-    R
+    multipliers: &'a [Chunk],
 }
 
-/// The same for C columns of the panel.
-#[inline(always)]
-fn multiply<S: Simd, const R: usize, const C: usize>(
-    simd: S,
-    panel: &mut [S::f64s],
-    columns: &[S::f64s],
-    pitch: usize,
-    at: usize,
-    multipliers: &[Chunk],
-    first: usize,
-) {
-    let mut sums: [[S::f64s; R]; C] =
-        std::array::from_fn(|c| std::array::from_fn(|r| panel[(first + c) * pitch + at + r]));
-    for (multiplier, column) in multipliers.iter().zip(columns.chunks_exact(pitch)) {
-        let column: [S::f64s; R] = std::array::from_fn(|r| column[at + r]);
-        for c in 0..C {
-            let multiplier = simd.splat_f64s(multiplier[first + c]);
-            for r in 0..R {
-                sums[c][r] = simd.mul_add_f64s(multiplier, column[r], sums[c][r]);
+impl<T: Copy> Update<'_, T> {
+    /// For R registers of rows. Returns R.
+    #[inline(always)]
+    fn rows<S: Simd<f64s = T>, const R: usize>(&mut self, simd: S, at: usize) -> usize {
+        if parts::<S>() == 1 {
+            self.tile::<S, R, CHUNK>(simd, at, 0);
+        } else {
+            // Fewer registers.
+            self.tile::<S, R, { CHUNK / 2 }>(simd, at, 0);
+            self.tile::<S, R, { CHUNK / 2 }>(simd, at, CHUNK / 2);
+        }
+        R
+    }
+
+    /// The same for C columns of the panel, from `first` on.
+    #[inline(always)]
+    fn tile<S: Simd<f64s = T>, const R: usize, const C: usize>(&mut self, simd: S, at: usize, first: usize) {
+        let Self { panel, columns, pitch, multipliers } = self;
+        let mut sums: [[T; R]; C] =
+            std::array::from_fn(|c| std::array::from_fn(|r| panel[(first + c) * *pitch + at + r]));
+        for (multiplier, column) in multipliers.iter().zip(columns.chunks_exact(*pitch)) {
+            let column: [T; R] = std::array::from_fn(|r| column[at + r]);
+            for c in 0..C {
+                let multiplier = simd.splat_f64s(multiplier[first + c]);
+                for r in 0..R {
+                    sums[c][r] = simd.mul_add_f64s(multiplier, column[r], sums[c][r]);
+                }
             }
         }
-    }
-    for c in 0..C {
-        for r in 0..R {
-            panel[(first + c) * pitch + at + r] = sums[c][r];
+        for c in 0..C {
+            for r in 0..R {
+                panel[(first + c) * *pitch + at + r] = sums[c][r];
+            }
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Numeric factorisation: fronts are assembled, eliminated in part, and what is left waits for the parent.
 
 use super::dense::{CHUNK, Dense, padded};
+use super::symbolic::triangle;
 use super::{Lower, Supernode, Symbolic};
 use pulp::{Arch, Simd, WithSimd};
 
@@ -57,6 +58,7 @@ impl Fronts {
         self.stack.clear();
         self.waiting.clear();
         self.pivots.clear();
+        self.stack.reserve_exact(symbolic.stack);
         let size = padded(symbolic.largest);
         // Fronts begin where a cache line does.
         self.front.resize(size * size + CHUNK, 0.0);
@@ -90,7 +92,7 @@ impl<K: Keep + ?Sized> WithSimd for Factorisation<'_, K> {
             // The last child is on top of the stack.
             for child in waiting.drain(waiting.len() - node.children..).rev() {
                 let places = &symbolic.in_parent[symbolic.nodes[child].below()];
-                let top = stack.len() - places.len() * (places.len() + 1) / 2;
+                let top = stack.len() - triangle(places.len());
                 add_child(front, pitch, places, &stack[top..]);
                 stack.truncate(top);
             }

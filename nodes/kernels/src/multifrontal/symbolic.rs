@@ -41,6 +41,8 @@ pub(crate) struct Symbolic {
     pub in_front: Vec<u32>,
     /// Columns and rows of the largest front.
     pub largest: usize,
+    /// The most that waits on the stack of fronts, in numbers.
+    pub stack: usize,
 }
 
 impl Symbolic {
@@ -66,15 +68,16 @@ impl Symbolic {
         let largest = nodes.iter().map(Supernode::height).max().unwrap_or(0);
         let rows = fill(&elimination.entries, &nodes, &node_of, &parents);
         let (in_parent, in_front) = (vec![0; rows.len()], vec![0; elimination.entries.rows.len()]);
-        let mut symbolic = Self { nodes, rows, in_parent, in_front, largest };
+        let mut symbolic = Self { nodes, rows, in_parent, in_front, largest, stack: 0 };
         symbolic.place(&elimination.entries);
         symbolic
     }
 
-    /// Finds the places in fronts.
+    /// Finds the places in fronts, and the size of the stack.
     fn place(&mut self, entries: &Entries) {
         let mut place = vec![0u32; entries.diagonal.len()];
         let mut waiting: Vec<usize> = Vec::new();
+        let mut stack = 0;
         for (s, node) in self.nodes.iter().enumerate() {
             let rows = (node.begin as u32..node.end as u32).chain(self.rows[node.below()].iter().copied());
             for (row, at) in rows.zip(0..) {
@@ -88,10 +91,18 @@ impl Symbolic {
                 for at in self.nodes[child].below() {
                     self.in_parent[at] = place[self.rows[at] as usize];
                 }
+                stack -= triangle(self.nodes[child].below().len());
             }
+            stack += triangle(node.below().len());
+            self.stack = self.stack.max(stack);
             waiting.push(s);
         }
     }
+}
+
+/// Entries of a lower triangle.
+pub(super) fn triangle(rows: usize) -> usize {
+    rows * (rows + 1) / 2
 }
 
 /// The rows below each supernode: row i is in those on the paths from the entries of the matrix's row up to that of column i.

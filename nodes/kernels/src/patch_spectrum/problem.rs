@@ -57,7 +57,7 @@ impl Problem {
 
     /// The order of A.
     pub fn n(&self) -> usize {
-        self.root.len()
+        self.lower.n()
     }
 
     /// The number of eigenvalues below a shift, or `None` if its factorisation breaks down.
