@@ -9,7 +9,7 @@ mod fronts;
 mod order;
 mod symbolic;
 
-pub(crate) use fronts::{Eliminated, Fronts, Keep};
+pub(crate) use fronts::{Branch, Eliminated, Fronts, Keep, Shifted};
 pub(crate) use order::{Elimination, NONE};
 pub(crate) use symbolic::{Supernode, Symbolic};
 

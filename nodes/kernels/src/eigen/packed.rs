@@ -5,6 +5,7 @@ use super::spare::Spare;
 use super::tiles::{parts, registers_mut};
 use crate::multifrontal::{Eliminated, Keep, Symbolic};
 use pulp::{Arch, Simd, WithSimd};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// What all factors of a matrix share: their pattern and layout.
@@ -43,8 +44,6 @@ pub(crate) struct Packed {
     /// Per supernode: its unit lower triangle as a full square, then the rows below, row by row. What is not below the diagonal is never read.
     values: Vec<f64>,
     inverse_pivots: Vec<f64>,
-    /// The supernodes that it has the values of.
-    known: usize,
 }
 
 impl Drop for Packed {
@@ -53,13 +52,17 @@ impl Drop for Packed {
     }
 }
 
-impl Keep for Packed {
+/// Where supernodes go, one after the other: pieces of a factor's values, the first one last.
+pub(super) struct Pieces<'a>(Vec<&'a mut [f64]>);
+
+impl Keep for Pieces<'_> {
     #[inline(always)]
     fn keep(&mut self, front: &Eliminated<'_>) {
-        let (width, pitch) = (front.node.width(), front.pitch);
-        let values = self.shape.value_starts[self.known]..self.shape.value_starts[self.known + 1];
-        self.known += 1;
-        let values = &mut self.values[values];
+        let (width, height, pitch) = (front.node.width(), front.node.height(), front.pitch);
+        while self.0.pop_if(|piece| piece.is_empty()).is_some() {}
+        let Some(piece) = self.0.pop() else { return };
+        let (values, rest) = piece.split_at_mut(width * height);
+        self.0.push(rest);
         let mut c = 0;
         while c < width {
             let columns = &front.columns[c * pitch..];
@@ -88,11 +91,28 @@ fn interleave<const C: usize>(columns: &[f64], pitch: usize, values: &mut [f64],
 }
 
 impl Packed {
-    /// Room for a factor, whose entries come by [`Keep`].
+    /// Room for a factor.
     pub fn new(shape: &Arc<Shape>) -> Self {
         // All of one length, and of any content.
         let values = shape.spare.take().unwrap_or_else(|| vec![0.0; shape.entries()]);
-        Self { shape: Arc::clone(shape), values, inverse_pivots: Vec::new(), known: 0 }
+        Self { shape: Arc::clone(shape), values, inverse_pivots: Vec::new() }
+    }
+
+    /// Where the supernodes of each of some ranges go, and where the others do.
+    pub fn pieces(&mut self, ranges: &[Range<usize>]) -> (Vec<Pieces<'_>>, Pieces<'_>) {
+        let (mut within, mut between) = (Vec::new(), Vec::new());
+        let (mut rest, mut at) = (self.values.as_mut_slice(), 0);
+        for range in ranges {
+            let [begin, end] = [range.start, range.end].map(|s| self.shape.value_starts[s]);
+            let (before, others) = rest.split_at_mut(begin - at);
+            let (own, after) = others.split_at_mut(end - begin);
+            between.push(before);
+            within.push(Pieces(vec![own]));
+            (rest, at) = (after, end);
+        }
+        between.push(rest);
+        between.reverse();
+        (within, Pieces(between))
     }
 
     /// Takes the diagonal of D.
@@ -358,7 +378,7 @@ mod tests {
         let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
         let factorizer = Factorizer::new(&problem).expect("small");
         let (order, shift) = (factorizer.order(), 320.0);
-        let packed = factorizer.factor(shift).expect("not singular");
+        let packed = factorizer.factor(shift, &()).expect("not singular");
         let widest = packed.shape.symbolic.nodes.iter().map(crate::multifrontal::Supernode::width).max();
         assert!(packed.negative() > 10 && widest > Some(16), "an indefinite factor with all sizes of supernodes");
         let mut random = Random::from_state(7);

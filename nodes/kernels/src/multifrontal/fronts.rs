@@ -4,6 +4,7 @@ use super::dense::{CHUNK, Dense, padded};
 use super::symbolic::triangle;
 use super::{Lower, Supernode, Symbolic};
 use pulp::{Arch, Simd, WithSimd};
+use std::ops::Range;
 
 /// The eliminated columns of a front.
 pub(crate) struct Eliminated<'a> {
@@ -13,6 +14,14 @@ pub(crate) struct Eliminated<'a> {
     /// diagonal.
     pub columns: &'a [f64],
     pub pitch: usize,
+}
+
+/// A - shift I in elimination order, and the pattern of its factor.
+#[derive(Clone, Copy)]
+pub(crate) struct Shifted<'a> {
+    pub symbolic: &'a Symbolic,
+    pub lower: &'a Lower,
+    pub shift: f64,
 }
 
 /// What takes the factor, supernode after supernode.
@@ -40,6 +49,14 @@ pub(crate) struct Fronts {
     pub pivots: Vec<f64>,
 }
 
+/// A finished part of a factorisation: what its parents need.
+pub(crate) struct Branch {
+    nodes: Range<usize>,
+    stack: Vec<f64>,
+    waiting: Vec<usize>,
+    pivots: Vec<f64>,
+}
+
 impl Fronts {
     /// Numbers that there is memory for.
     pub fn capacity(&self) -> usize {
@@ -48,47 +65,76 @@ impl Fronts {
 
     /// Factors A - shift I. The number of negative pivots, which by Sylvester's law of inertia is that of eigenvalues below the shift; `None` if a pivot
     /// vanishes or overflows.
-    pub fn factor(
+    pub fn factor(&mut self, matrix: &Shifted<'_>, keep: &mut impl Keep) -> Option<usize> {
+        self.join(matrix, &[], keep)
+    }
+
+    /// The same for one of [`Symbolic::branches`] alone.
+    pub fn branch(&mut self, matrix: &Shifted<'_>, nodes: Range<usize>, keep: &mut impl Keep) -> Option<Branch> {
+        self.run(matrix, nodes.clone(), &[], keep)?;
+        // No more than there is: this is what waits.
+        let (stack, waiting) = (self.stack.clone(), self.waiting.clone());
+        Some(Branch { nodes, stack, waiting, pivots: self.pivots.clone() })
+    }
+
+    /// The same as [`Fronts::factor`] where some branches are done. Only the others are kept.
+    pub fn join(&mut self, matrix: &Shifted<'_>, branches: &[Branch], keep: &mut impl Keep) -> Option<usize> {
+        self.run(matrix, 0..matrix.symbolic.nodes.len(), branches, keep)?;
+        Some(self.pivots.iter().filter(|p| **p < 0.0).count())
+    }
+
+    fn run(
         &mut self,
-        symbolic: &Symbolic,
-        lower: &Lower,
-        shift: f64,
-        keep: &mut (impl Keep + ?Sized),
-    ) -> Option<usize> {
+        matrix: &Shifted<'_>,
+        nodes: Range<usize>,
+        branches: &[Branch],
+        keep: &mut impl Keep,
+    ) -> Option<()> {
         self.stack.clear();
         self.waiting.clear();
         self.pivots.clear();
-        self.stack.reserve_exact(symbolic.stack);
-        let size = padded(symbolic.largest);
+        self.stack.reserve_exact(matrix.symbolic.stack);
+        let largest = matrix.symbolic.nodes[nodes.clone()].iter().map(Supernode::height).max();
+        let size = padded(largest.unwrap_or(0));
         // Fronts begin where a cache line does.
-        self.front.resize(size * size + CHUNK, 0.0);
-        Arch::new().dispatch(Factorisation { fronts: self, symbolic, lower, shift, keep })?;
-        Some(self.pivots.iter().filter(|p| **p < 0.0).count())
+        let room = self.front.len().max(size * size + CHUNK);
+        self.front.resize(room, 0.0);
+        Arch::new().dispatch(Factorisation { fronts: self, matrix, nodes, branches, keep })
     }
 }
 
-struct Factorisation<'a, K: ?Sized> {
+struct Factorisation<'a, K> {
     fronts: &'a mut Fronts,
-    symbolic: &'a Symbolic,
-    lower: &'a Lower,
-    shift: f64,
+    matrix: &'a Shifted<'a>,
+    nodes: Range<usize>,
+    branches: &'a [Branch],
     keep: &'a mut K,
 }
 
-impl<K: Keep + ?Sized> WithSimd for Factorisation<'_, K> {
+impl<K: Keep> WithSimd for Factorisation<'_, K> {
     type Output = Option<()>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Option<()> {
-        let Self { fronts, symbolic, lower, shift, keep } = self;
-        for (s, node) in symbolic.nodes.iter().enumerate() {
-            let Fronts { front, stack, waiting, multipliers, pivots } = &mut *fronts;
-            let height = node.height();
+        let Self { fronts: Fronts { front, stack, waiting, multipliers, pivots }, matrix, nodes, branches, keep } =
+            self;
+        let symbolic = matrix.symbolic;
+        let mut branches = branches.iter().peekable();
+        let mut s = nodes.start;
+        while s < nodes.end {
+            if let Some(branch) = branches.next_if(|branch| branch.nodes.start == s) {
+                stack.extend_from_slice(&branch.stack);
+                waiting.extend_from_slice(&branch.waiting);
+                pivots.extend_from_slice(&branch.pivots);
+                s = branch.nodes.end;
+                continue;
+            }
+            let node = &symbolic.nodes[s];
+            let (height, pitch) = (node.height(), padded(node.height()));
             let begin = front.as_ptr().align_offset(64).min(CHUNK);
-            let pitch = padded(height);
             let front = &mut front[begin..][..pitch * pitch];
             clear(front, pitch);
-            add_entries(front, pitch, symbolic, lower, node, shift);
+            add_entries(front, pitch, matrix, node);
             // The last child is on top of the stack.
             for child in waiting.drain(waiting.len() - node.children..).rev() {
                 let places = &symbolic.in_parent[symbolic.nodes[child].below()];
@@ -102,6 +148,7 @@ impl<K: Keep + ?Sized> WithSimd for Factorisation<'_, K> {
                 stack.extend_from_slice(&front[j * pitch + j..j * pitch + height]);
             }
             waiting.push(s);
+            s += 1;
         }
         Some(())
     }
@@ -117,7 +164,8 @@ fn clear(front: &mut [f64], pitch: usize) {
 
 /// Adds the matrix's entries in a supernode's columns.
 #[inline(always)]
-fn add_entries(front: &mut [f64], pitch: usize, symbolic: &Symbolic, lower: &Lower, node: &Supernode, shift: f64) {
+fn add_entries(front: &mut [f64], pitch: usize, matrix: &Shifted<'_>, node: &Supernode) {
+    let Shifted { symbolic, lower, shift } = matrix;
     for (at, column) in front.chunks_exact_mut(pitch).take(node.width()).enumerate() {
         let j = node.begin + at;
         column[at] = lower.diagonal[j] - shift;
@@ -182,15 +230,16 @@ mod tests {
         let roots: Vec<f64> = (0..matrix.n()).map(|_| 0.8 + 0.4 * random.unit()).collect();
         let lower = Lower::scaled(matrix, &elimination, &roots);
         let symbolic = Symbolic::new(&elimination, &[(4, 0.5), (16, 0.2)]);
-        assert!(symbolic.largest >= largest);
+        let matrix = Shifted { symbolic: &symbolic, lower: &lower, shift: 0.0 };
+        assert!(symbolic.nodes.iter().any(|node| node.height() >= largest));
         let a = dense(&lower);
         let values = a.self_adjoint_eigenvalues(Side::Lower).expect("converges");
         let mut fronts = Fronts::default();
         for &shift in shifts {
             let below = values.iter().filter(|v| **v < shift).count();
-            assert_eq!(fronts.factor(&symbolic, &lower, shift, &mut ()), Some(below), "below {shift}");
+            assert_eq!(fronts.factor(&Shifted { shift, ..matrix }, &mut ()), Some(below), "below {shift}");
             let mut full = Full(Mat::identity(lower.n(), lower.n()), &symbolic);
-            assert_eq!(fronts.factor(&symbolic, &lower, shift, &mut full), Some(below));
+            assert_eq!(fronts.factor(&Shifted { shift, ..matrix }, &mut full), Some(below));
             let scaled = Mat::from_fn(lower.n(), lower.n(), |i, j| full.0[(i, j)] * fronts.pivots[j]);
             let difference = scaled * full.0.transpose() - &a + Mat::<f64>::identity(lower.n(), lower.n()) * shift;
             let growth = full.0.norm_max() * full.0.norm_max() * (1.0 + a.norm_max());
@@ -205,6 +254,32 @@ mod tests {
         check(&matrix(13, 0, 4), &[-0.1, 0.9, 4.3, 20.0], 8);
         // A separator of hundreds of rows.
         check(&matrix(20, 700, 2), &[-0.1, 3.7, 9.1], 150);
+    }
+
+    #[test]
+    fn branches_change_no_bit() {
+        let matrix = matrix(30, 20, 3);
+        let elimination = Elimination::minimum_degree(&matrix).expect("memory");
+        let lower = Lower::scaled(&matrix, &elimination, &vec![1.0; matrix.n()]);
+        let symbolic = Symbolic::new(&elimination, &[(4, 0.5), (16, 0.2)]);
+        let matrix = Shifted { symbolic: &symbolic, lower: &lower, shift: 1.7 };
+        let (mut fronts, mut other) = (Fronts::default(), Fronts::default());
+        let mut whole = Full(Mat::identity(lower.n(), lower.n()), &symbolic);
+        let below = fronts.factor(&matrix, &mut whole);
+        assert!(below > Some(100));
+        for (share, least, count) in [(0.5, 0.0, 2), (0.1, 0.0, 8), (1.0, 0.0, 1), (0.1, 1e9, 0)] {
+            let ranges = symbolic.branches(share, least);
+            assert!(ranges.len() >= count && (count > 0 || ranges.is_empty()), "{} of {share}", ranges.len());
+            assert!(ranges.is_sorted_by(|a, b| a.end <= b.start));
+            let mut parts = Full(Mat::identity(lower.n(), lower.n()), &symbolic);
+            // In any order, in used memory.
+            let branches = ranges.into_iter().rev().map(|range| other.branch(&matrix, range, &mut parts));
+            let mut branches: Vec<Branch> = branches.collect::<Option<_>>().expect("no breakdown");
+            branches.reverse();
+            assert_eq!(other.join(&matrix, &branches, &mut parts), below);
+            assert_eq!(other.pivots, fronts.pivots);
+            assert!(parts.0 == whole.0);
+        }
     }
 
     #[test]
@@ -223,13 +298,14 @@ mod tests {
         let elimination = Elimination::minimum_degree(&matrix).expect("memory");
         let lower = Lower::scaled(&matrix, &elimination, &vec![1.0; matrix.n()]);
         let symbolic = Symbolic::new(&elimination, &[]);
+        let matrix = Shifted { symbolic: &symbolic, lower: &lower, shift: 0.0 };
         let mut fronts = Fronts::default();
-        let below = fronts.factor(&symbolic, &lower, 0.3, &mut ());
+        let below = fronts.factor(&Shifted { shift: 0.3, ..matrix }, &mut ());
         let pivots = fronts.pivots.clone();
         assert!(below > Some(2));
-        assert_eq!(fronts.factor(&symbolic, &lower, 0.0, &mut ()), None);
-        assert_eq!(fronts.factor(&symbolic, &lower, f64::NAN, &mut ()), None);
-        assert_eq!(fronts.factor(&symbolic, &lower, 0.3, &mut ()), below);
+        assert_eq!(fronts.factor(&Shifted { shift: 0.0, ..matrix }, &mut ()), None);
+        assert_eq!(fronts.factor(&Shifted { shift: f64::NAN, ..matrix }, &mut ()), None);
+        assert_eq!(fronts.factor(&Shifted { shift: 0.3, ..matrix }, &mut ()), below);
         assert_eq!(fronts.pivots, pivots);
     }
 }

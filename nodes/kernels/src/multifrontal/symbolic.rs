@@ -39,8 +39,6 @@ pub(crate) struct Symbolic {
     pub in_parent: Vec<u32>,
     /// For each entry of the matrix below the diagonal its place in the front of its column.
     pub in_front: Vec<u32>,
-    /// Columns and rows of the largest front.
-    pub largest: usize,
     /// The most that waits on the stack of fronts, in numbers.
     pub stack: usize,
 }
@@ -65,12 +63,44 @@ impl Symbolic {
         for &parent in parents.iter().filter(|p| **p != NONE) {
             nodes[parent as usize].children += 1;
         }
-        let largest = nodes.iter().map(Supernode::height).max().unwrap_or(0);
         let rows = fill(&elimination.entries, &nodes, &node_of, &parents);
         let (in_parent, in_front) = (vec![0; rows.len()], vec![0; elimination.entries.rows.len()]);
-        let mut symbolic = Self { nodes, rows, in_parent, in_front, largest, stack: 0 };
+        let mut symbolic = Self { nodes, rows, in_parent, in_front, stack: 0 };
         symbolic.place(&elimination.entries);
         symbolic
+    }
+
+    /// Runs of supernodes that do not depend on what is not in them: whole subtrees of the elimination tree, each with at most this share of all
+    /// work, and none of them if all of it is less than `least`, in nanoseconds as measured.
+    pub fn branches(&self, share: f64, least: f64) -> Vec<Range<usize>> {
+        // The work of each subtree, and its first supernode.
+        let mut subtrees: Vec<(f64, usize)> = Vec::with_capacity(self.nodes.len());
+        let mut waiting: Vec<usize> = Vec::new();
+        for (s, node) in self.nodes.iter().enumerate() {
+            let children = waiting.drain(waiting.len() - node.children..).map(|child| subtrees[child]);
+            let subtree = children.fold((work(node), s), |sum, child| (sum.0 + child.0, sum.1.min(child.1)));
+            subtrees.push(subtree);
+            waiting.push(s);
+        }
+        let total: f64 = waiting.iter().map(|&root| subtrees[root].0).sum();
+        let mut branches: Vec<(f64, Range<usize>)> = Vec::new();
+        let mut end = if total < least { 0 } else { self.nodes.len() };
+        while end > 0 {
+            let (work, begin) = subtrees[end - 1];
+            if work > share * total {
+                end -= 1;
+                continue;
+            }
+            match branches.last_mut() {
+                Some(next) if next.1.start == end && next.0 + work <= share * total => {
+                    *next = (next.0 + work, begin..next.1.end);
+                }
+                _ => branches.push((work, begin..end)),
+            }
+            end = begin;
+        }
+        // Small ones are not worth the hand-over.
+        branches.into_iter().rev().filter(|b| b.0 > 0.05 * share * total).map(|b| b.1).collect()
     }
 
     /// Finds the places in fronts, and the size of the stack.
@@ -98,6 +128,12 @@ impl Symbolic {
             waiting.push(s);
         }
     }
+}
+
+/// About how many nanoseconds a supernode takes: arithmetic, what is handed to the parent, and the rest.
+fn work(node: &Supernode) -> f64 {
+    let squares = (0..node.width()).map(|c| ((node.height() - c) * (node.height() - c)) as f64);
+    0.02 * squares.sum::<f64>() + 0.8 * triangle(node.below().len()) as f64 + 120.0
 }
 
 /// Entries of a lower triangle.

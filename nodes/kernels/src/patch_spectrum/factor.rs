@@ -25,7 +25,7 @@ impl Factor {
     pub fn compute(&mut self, problem: &Problem, shift: f64, fronts: &mut Fronts) -> Option<usize> {
         self.values.clear();
         self.values.reserve(problem.symbolic.nodes.iter().map(kept).sum());
-        let below = fronts.factor(&problem.symbolic, &problem.lower, shift, &mut Groups(&mut self.values))?;
+        let below = fronts.factor(&problem.shifted(shift), &mut Groups(&mut self.values))?;
         self.inverse_pivots.clear();
         self.inverse_pivots.extend(fronts.pivots.iter().map(|p| 1.0 / p));
         Some(below)

@@ -1,7 +1,7 @@
 //! The patch's two problems: A y = lambda y, A = R^-1 M R^-1 with R = (S / area)^1/2, in elimination order.
 
 use crate::laplacian::Operator;
-use crate::multifrontal::{Elimination, Fronts, Lower, NONE, Symbolic};
+use crate::multifrontal::{Elimination, Fronts, Lower, NONE, Shifted, Symbolic};
 
 /// Measured: how far supernodes are merged.
 const RELAXED: [(usize, f64); 3] = [(4, 0.5), (16, 0.2), (48, 0.05)];
@@ -62,7 +62,12 @@ impl Problem {
 
     /// The number of eigenvalues below a shift, or `None` if its factorisation breaks down.
     pub fn count_below(&self, shift: f64, fronts: &mut Fronts) -> Option<usize> {
-        fronts.factor(&self.symbolic, &self.lower, shift, &mut ())
+        fronts.factor(&self.shifted(shift), &mut ())
+    }
+
+    /// A - shift I.
+    pub fn shifted(&self, shift: f64) -> Shifted<'_> {
+        Shifted { symbolic: &self.symbolic, lower: &self.lower, shift }
     }
 
     /// A in full.
