@@ -33,7 +33,7 @@ pub(super) struct Factorizer {
 impl Factorizer {
     pub fn new(problem: &Problem<'_>) -> Result<Self, EigenError> {
         let matrix = problem.stiffness;
-        let elimination = Elimination::minimum_degree(matrix).ok_or(EigenError::Memory)?;
+        let elimination = Elimination::minimum_degree(matrix).ok_or(EigenError::Factorisation { shift: 0.0 })?;
         let roots: Vec<f64> = elimination.order.iter().map(|&row| problem.root[row as usize]).collect();
         let lower = Lower::scaled(matrix, &elimination, &roots);
         let symbolic = Symbolic::new(&elimination, &RELAXED);
@@ -95,5 +95,68 @@ impl Factorizer {
         let result = f(&mut fronts);
         self.fronts.give(fronts);
         result
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::eigen::packed::tests::sheet;
+    use crate::random::Random;
+    use crate::sparse::SymmetricCsr;
+
+    /// Each task on a thread of its own, the last one first.
+    struct Threads;
+
+    impl Hooks for Threads {
+        fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
+            std::thread::scope(|scope| (0..count).rev().for_each(|i| drop(scope.spawn(move || task(i)))));
+        }
+    }
+
+    /// Leaves out the last task.
+    struct Stopped;
+
+    impl Hooks for Stopped {
+        fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
+            (1..count).for_each(|i| task(i - 1));
+        }
+    }
+
+    #[test]
+    fn threads_change_no_bit_and_what_is_left_out_is_told() {
+        let operator = sheet(130, 110);
+        let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
+        let factorizer = Factorizer::new(&problem).expect("small");
+        assert!(factorizer.branches.len() > 4, "worth threads");
+        let shift = 500.0;
+        let mut random = Random::new(&[2]);
+        let right: Vec<[f64; 8]> = (0..problem.n()).map(|_| std::array::from_fn(|_| random.signed())).collect();
+        let solved = |hooks: &dyn Hooks| {
+            let (packed, mut x) = (factorizer.factor(shift, hooks).expect("not singular"), right.clone());
+            packed.solve(&mut x);
+            (packed.negative(), x)
+        };
+        let (below, x) = solved(&());
+        // Weyl's law.
+        assert!((30..50).contains(&below), "{below}");
+        assert!(solved(&Threads) == (below, x));
+        assert_eq!(factorizer.count_below(shift, 0.0, &()), Ok(below));
+        assert_eq!(factorizer.count_below(shift, 0.0, &Threads), Ok(below));
+        assert_eq!(factorizer.count_below(shift, 0.0, &Stopped), Err(EigenError::Cancelled));
+    }
+
+    #[test]
+    fn counts_avoid_shifts_that_break_down() {
+        // An isolated vertex and a path, whose ends have pivots of one times the scale minus the shift.
+        let stiffness = SymmetricCsr::graph_laplacian(5, [(1, 2), (2, 3), (3, 4)].into_iter(), &[1.0; 3]);
+        let mass = [1.0; 5];
+        let factorizer = Factorizer::new(&Problem::new(&stiffness, &mass).expect("a Laplacian")).expect("small");
+        let end = factorizer.order.iter().position(|&v| v == 1 || v == 4).expect("all are in it");
+        let shift = factorizer.lower.diagonal[end];
+        assert!((shift - 5.0).abs() < 1e-12 && factorizer.factor(shift, &()).is_err());
+        // Twice 0, and 5 (2 - 2 cos (pi / 4)); the next is 10.
+        assert_eq!(factorizer.count_below(shift, 0.01, &()), Ok(3));
+        assert_eq!(factorizer.count_below(0.0, 0.01, &()), Err(EigenError::Factorisation { shift: 0.0 }));
     }
 }

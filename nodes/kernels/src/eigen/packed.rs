@@ -348,20 +348,20 @@ fn add_multiples<S: Simd, const C: usize>(simd: S, sums: &mut [S::f64s; C], l: &
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::eigen::factor::Factorizer;
     use crate::eigen::problem::Problem;
-    use crate::laplacian::{Area, laplacian};
+    use crate::laplacian::{Area, Operator, laplacian};
     use crate::random::Random;
 
-    /// A bumpy sheet of 34 x 26 vertices.
-    fn sheet() -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+    /// A bumpy sheet of p x q vertices.
+    pub fn sheet(p: u32, q: u32) -> Operator {
         let height = |i: u32, j: u32| 0.3 * (0.7 * f64::from(i)).sin() * (0.4 * f64::from(j)).cos();
-        let points = (0..34).flat_map(|i| (0..26).map(move |j| [f64::from(i), f64::from(j), height(i, j)]));
-        let squares = (0..33).flat_map(|i| (0..25).map(move |j| i * 26 + j));
-        let faces = squares.flat_map(|a| [[a, a + 26, a + 27], [a, a + 27, a + 1]]);
-        (points.collect(), faces.collect())
+        let points = (0..p).flat_map(|i| (0..q).map(move |j| [f64::from(i), f64::from(j), height(i, j)]));
+        let squares = (0..p - 1).flat_map(|i| (0..q - 1).map(move |j| i * q + j));
+        let faces = squares.flat_map(|a| [[a, a + q, a + q + 1], [a, a + q + 1, a + 1]]);
+        laplacian(&points.collect::<Vec<_>>(), &faces.collect::<Vec<_>>(), Area::Mixed, false).expect("a plane mesh")
     }
 
     fn solved<S: Simd>(simd: S, packed: &Packed, right: &[Row]) -> Vec<Row> {
@@ -373,8 +373,7 @@ mod tests {
 
     #[test]
     fn solves_leave_no_residual_and_the_width_of_registers_changes_no_bit() {
-        let (vertices, faces) = sheet();
-        let operator = laplacian(&vertices, &faces, Area::Mixed, false).expect("a plane mesh");
+        let operator = sheet(34, 26);
         let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
         let factorizer = Factorizer::new(&problem).expect("small");
         let (order, shift) = (factorizer.order(), 320.0);
