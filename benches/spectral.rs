@@ -40,7 +40,7 @@ fn pattern(operator: &Operator) -> SymbolicSparseColMat<usize> {
     SymbolicSparseColMat::new_checked(m.n(), m.n(), m.offsets().to_vec(), None, rows)
 }
 
-/// As the kernel asks for it.
+/// With supernodes merged as in the kernel.
 fn symbolic(pattern: &SymbolicSparseColMat<usize>) -> SymbolicCholesky<usize> {
     let params = CholeskySymbolicParams {
         supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
@@ -52,14 +52,14 @@ fn symbolic(pattern: &SymbolicSparseColMat<usize>) -> SymbolicCholesky<usize> {
     factorize_symbolic_cholesky(pattern.as_ref(), Side::Lower, SymmetricOrdering::Amd, params).expect("memory")
 }
 
-/// faer's AMD and symbolic factorisation: a floor under every sparse eigensolve.
+/// faer's AMD, which the kernel uses, and symbolic factorisation, which it does not.
 #[divan::bench(args = SIZES, sample_count = 5)]
 fn ordering(bencher: Bencher, size: &str) {
     let pattern = pattern(&operator(&refined(size)));
     bencher.bench(|| symbolic(black_box(&pattern)));
 }
 
-/// faer's numeric LDL' of M + 1e-3 diag(M): a floor under every shift.
+/// faer's numeric LDL' of M + 1e-3 diag(M), for comparison with that of the kernel.
 #[divan::bench(args = SIZES, sample_count = 5)]
 fn factorisation(bencher: Bencher, size: &str) {
     let operator = operator(&refined(size));

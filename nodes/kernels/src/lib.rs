@@ -9,6 +9,7 @@ pub mod eigen;
 pub mod geodesic;
 mod heap;
 pub mod laplacian;
+mod multifrontal;
 pub mod nearest;
 pub mod object;
 pub mod patch_spectrum;

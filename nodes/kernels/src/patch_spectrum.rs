@@ -11,12 +11,10 @@ mod bisection;
 mod factor;
 mod lanczos;
 mod memory;
-mod order;
 mod panel;
 mod problem;
 mod solve;
 mod sparse;
-mod symbolic;
 mod tridiagonal;
 
 use crate::adjacency::on_rim;
@@ -24,7 +22,6 @@ use crate::eigen::Hooks;
 use crate::laplacian::{Area, LaplacianError, Operator, laplacian};
 use crate::sturm::Tridiagonal;
 use problem::Problem;
-use sparse::Prepared;
 use std::fmt;
 
 /// How a patch spectrum is computed.
@@ -173,11 +170,10 @@ fn scaled_values(
     {
         return Ok(values);
     }
-    let prepared: Vec<Prepared> =
-        problem::problems(operator, rim).ok_or(PatchError::Memory)?.into_iter().map(Prepared::from).collect();
+    let problems = problem::problems(operator, rim).ok_or(PatchError::Memory)?;
     let found = memory::with(|memory| {
         for (seed, attempt) in [sparse::lowest::<4>, sparse::lowest::<8>].into_iter().enumerate() {
-            if let Some(values) = attempt(&prepared, count, seed as u64, memory, hooks)? {
+            if let Some(values) = attempt(&problems, count, seed as u64, memory, hooks)? {
                 return Ok(Some(values));
             }
         }

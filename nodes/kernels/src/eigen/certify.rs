@@ -383,7 +383,7 @@ mod tests {
         let guesses: Vec<f64> = exact.values[1..].iter().map(|value| value * problem.area).collect();
         let noisy = || Vectors::with(&pool, n, &guesses, entry).expect("small");
         let mut polished = noisy();
-        columns.polish(&mut polished, 1e-8, || factorizer.factor(-12.0)).expect("not cancelled");
+        columns.polish(&mut polished, 1e-8, || factorizer.factor(-12.0, &())).expect("not cancelled");
         let [before, after] = [noisy(), polished]
             .map(|vectors| columns.examine(vectors, 24, 1e-8, &mut vec![0.0; 24 * n]).expect("not cancelled"));
         assert!(

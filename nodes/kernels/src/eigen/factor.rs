@@ -1,124 +1,162 @@
 //! Sparse LDL' factorisations of A - shift I: solves, and eigenvalue counts by inertia.
 
-use super::EigenError;
-use super::packed::Packed;
+use super::certify::collect;
+use super::packed::{Packed, Shape};
 use super::problem::Problem;
 use super::spare::Spare;
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
-use faer::sparse::linalg::cholesky::supernodal::SupernodalLdltRef;
-use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
-};
-use faer::sparse::linalg::{SupernodalThreshold, SymbolicSupernodalParams};
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
-use faer::{Par, Side, Spec};
-use std::sync::Arc;
+use super::{EigenError, Hooks};
+use crate::multifrontal::{Branch, Elimination, Fronts, Keep, Lower, Shifted, Symbolic};
+use std::ops::Range;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Merging small supernodes costs some fill and pays in every solve; measured on meshes of 1,000 to 170,000 vertices.
+const RELAXED: [(usize, f64); 4] = [(4, 0.5), (16, 0.2), (48, 0.05), (usize::MAX, 0.02)];
+
+/// Branches of the elimination tree have at most this share of all work, so that threads finish at about the same time.
+const SHARE: f64 = 0.12;
+
+/// Factorisations that take less than so many nanoseconds are not worth threads.
+const LEAST: f64 = 8e5;
 
 /// The part of a factorisation that all shifts share: ordering and fill.
 pub(super) struct Factorizer {
-    pattern: SymbolicSparseColMat<usize>,
-    entries: Vec<f64>,
-    diagonal: Vec<usize>,
-    symbolic: SymbolicCholesky<usize>,
+    order: Vec<u32>,
+    lower: Lower,
+    shape: Arc<Shape>,
+    /// What threads can do at the same time.
+    branches: Vec<Range<usize>>,
     area: f64,
-    /// Memory of factors.
-    spare: Arc<Spare<Vec<f64>>>,
+    /// Memory of fronts.
+    fronts: Spare<Fronts>,
 }
 
 impl Factorizer {
     pub fn new(problem: &Problem<'_>) -> Result<Self, EigenError> {
-        let n = problem.n();
         let matrix = problem.stiffness;
-        let rows: Vec<usize> = matrix.columns().iter().map(|&c| c as usize).collect();
-        let diagonal = (0..n).map(|i| matrix.offsets()[i] + matrix.row(i).take_while(|e| e.0 < i).count()).collect();
-        // By symmetry the compressed rows are compressed columns.
-        let pattern = SymbolicSparseColMat::new_checked(n, n, matrix.offsets().to_vec(), None, rows);
-        let params = CholeskySymbolicParams {
-            supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
-            // Merging small supernodes costs some fill and pays in every solve; measured on meshes of 1,000 to 170,000 vertices.
-            supernodal_params: SymbolicSupernodalParams {
-                relax: Some(&[(4, 0.5), (16, 0.2), (48, 0.05), (usize::MAX, 0.02)]),
-            },
-            ..Default::default()
-        };
-        let symbolic = factorize_symbolic_cholesky(pattern.as_ref(), Side::Lower, SymmetricOrdering::Amd, params)
-            .map_err(|_| EigenError::Factorisation { shift: 0.0 })?;
-        let (entries, spare) = (problem.scaled_entries(), Arc::new(Spare::new()));
-        Ok(Self { pattern, entries, diagonal, symbolic, area: problem.area, spare })
+        let elimination = Elimination::minimum_degree(matrix).ok_or(EigenError::Factorisation { shift: 0.0 })?;
+        let roots: Vec<f64> = elimination.order.iter().map(|&row| problem.root[row as usize]).collect();
+        let lower = Lower::scaled(matrix, &elimination, &roots);
+        let symbolic = Symbolic::new(&elimination, &RELAXED);
+        let branches = symbolic.branches(SHARE, LEAST);
+        let shape = Arc::new(Shape::new(symbolic));
+        Ok(Self { order: elimination.order, lower, shape, branches, area: problem.area, fronts: Spare::new() })
     }
 
     /// The vertex that is eliminated at each step.
     pub fn order(&self) -> Vec<u32> {
-        match self.symbolic.perm() {
-            Some(permutation) => permutation.arrays().0.iter().map(|&v| v as u32).collect(),
-            None => (0..self.symbolic.nrows() as u32).collect(),
-        }
+        self.order.clone()
     }
 
     /// The factorisation of A - shift I, without pivoting: backward stable here unless the shift is very near an eigenvalue of a leading
     /// block, which residuals and counts would show.
-    pub fn factor(&self, shift: f64) -> Result<Packed, EigenError> {
-        let failed = EigenError::Factorisation { shift: shift / self.area };
-        let values = self.numbers(shift).ok_or(failed.clone())?;
-        let packed = match self.symbolic.raw() {
-            SymbolicCholeskyRaw::Supernodal(symbolic) => Packed::new(symbolic, values, &self.spare),
-            SymbolicCholeskyRaw::Simplicial(symbolic) => {
-                Packed::of_columns(symbolic.col_ptr(), symbolic.row_idx(), values, &self.spare)
-            }
-        };
-        // Overflow shows as pivots that are not finite.
-        if packed.is_sound() { Ok(packed) } else { Err(failed) }
-    }
-
-    fn numbers(&self, shift: f64) -> Option<Vec<f64>> {
-        let mut entries = self.entries.clone();
-        for &d in &self.diagonal {
-            entries[d] -= shift;
-        }
-        let matrix = SparseColMatRef::new(self.pattern.as_ref(), &entries);
-        // All of one length, and of any content: the factorisation clears it.
-        let mut values = self.spare.take().unwrap_or_else(|| vec![0.0; self.symbolic.len_val()]);
-        let scratch = self.symbolic.factorize_numeric_ldlt_scratch::<f64>(Par::Seq, Spec::default());
-        let mut memory = MemBuffer::try_new(scratch).ok()?;
-        let stack = MemStack::new(&mut memory);
-        let plain = LdltRegularization::default();
-        self.symbolic
-            .factorize_numeric_ldlt(&mut values, matrix, Side::Lower, plain, Par::Seq, stack, Spec::default())
-            .ok()?;
-        Some(values)
+    pub fn factor(&self, shift: f64, hooks: &dyn Hooks) -> Result<Packed, EigenError> {
+        let mut packed = Packed::new(&self.shape);
+        let (own, rest) = packed.pieces(&self.branches);
+        let pivots =
+            self.pivots(shift, hooks, own, rest)?.ok_or(EigenError::Factorisation { shift: shift / self.area })?;
+        packed.invert(&pivots);
+        Ok(packed)
     }
 
     /// The number of eigenvalues of A below `cut`: by Sylvester's law the number of negative pivots of A - cut I.
     ///
     /// A factorisation that breaks down is tried again at nearby cuts, which the caller places in a gap of this relative width.
-    pub fn count_below(&self, cut: f64, gap: f64) -> Result<usize, EigenError> {
+    pub fn count_below(&self, cut: f64, gap: f64, hooks: &dyn Hooks) -> Result<usize, EigenError> {
         for nudge in [0.0, 0.11, -0.13, 0.23] {
-            if let Some(values) = self.numbers(cut * (1.0 + nudge * gap)) {
-                let pivots = self.pivots(&values);
-                self.spare.give(values);
-                if pivots.iter().all(|p| p.is_finite() && *p != 0.0) {
-                    return Ok(pivots.iter().filter(|p| **p < 0.0).count());
-                }
+            let shift = cut * (1.0 + nudge * gap);
+            if let Some(pivots) = self.pivots(shift, hooks, vec![(); self.branches.len()], ())? {
+                return Ok(pivots.iter().filter(|p| **p < 0.0).count());
             }
         }
         Err(EigenError::Factorisation { shift: cut / self.area })
     }
 
-    /// The diagonal of D.
-    fn pivots(&self, values: &[f64]) -> Vec<f64> {
-        match self.symbolic.raw() {
-            SymbolicCholeskyRaw::Supernodal(symbolic) => {
-                let factor = SupernodalLdltRef::new(symbolic, values);
-                let block = |s: usize| {
-                    let block = factor.supernode(s).val();
-                    (0..block.ncols()).map(move |j| block[(j, j)])
-                };
-                (0..symbolic.n_supernodes()).flat_map(block).collect()
-            }
-            SymbolicCholeskyRaw::Simplicial(symbolic) => {
-                symbolic.col_ptr()[..symbolic.nrows()].iter().map(|&start| values[start]).collect()
-            }
+    /// The diagonal of D; `None` if it breaks down. `own` take L's supernodes of each branch, `rest` those of what is above.
+    fn pivots<K: Keep + Send>(
+        &self,
+        shift: f64,
+        hooks: &dyn Hooks,
+        own: Vec<K>,
+        mut rest: K,
+    ) -> Result<Option<Vec<f64>>, EigenError> {
+        let matrix = Shifted { symbolic: self.shape.symbolic(), lower: &self.lower, shift };
+        let own: Vec<Mutex<K>> = own.into_iter().map(Mutex::new).collect();
+        let branches = collect(hooks, own.len(), &|i| {
+            let keep = &mut *own[i].lock().unwrap_or_else(PoisonError::into_inner);
+            self.with_fronts(|fronts| fronts.branch(&matrix, self.branches[i].clone(), keep))
+        })?;
+        let Some(branches) = branches.into_iter().collect::<Option<Vec<Branch>>>() else { return Ok(None) };
+        let all = |fronts: &mut Fronts| fronts.join(&matrix, &branches, &mut rest).map(|_| fronts.pivots.clone());
+        Ok(self.with_fronts(all))
+    }
+
+    fn with_fronts<T>(&self, f: impl FnOnce(&mut Fronts) -> T) -> T {
+        let mut fronts = self.fronts.take().unwrap_or_default();
+        let result = f(&mut fronts);
+        self.fronts.give(fronts);
+        result
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::eigen::packed::tests::sheet;
+    use crate::random::Random;
+    use crate::sparse::SymmetricCsr;
+
+    /// Each task on a thread of its own, the last one first.
+    struct Threads;
+
+    impl Hooks for Threads {
+        fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
+            std::thread::scope(|scope| (0..count).rev().for_each(|i| drop(scope.spawn(move || task(i)))));
         }
+    }
+
+    /// Leaves out the last task.
+    struct Stopped;
+
+    impl Hooks for Stopped {
+        fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
+            (1..count).for_each(|i| task(i - 1));
+        }
+    }
+
+    #[test]
+    fn threads_change_no_bit_and_what_is_left_out_is_told() {
+        let operator = sheet(130, 110);
+        let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
+        let factorizer = Factorizer::new(&problem).expect("small");
+        assert!(factorizer.branches.len() > 4, "worth threads");
+        let shift = 500.0;
+        let mut random = Random::new(&[2]);
+        let right: Vec<[f64; 8]> = (0..problem.n()).map(|_| std::array::from_fn(|_| random.signed())).collect();
+        let solved = |hooks: &dyn Hooks| {
+            let (packed, mut x) = (factorizer.factor(shift, hooks).expect("not singular"), right.clone());
+            packed.solve(&mut x);
+            (packed.negative(), x)
+        };
+        let (below, x) = solved(&());
+        // Weyl's law.
+        assert!((30..50).contains(&below), "{below}");
+        assert!(solved(&Threads) == (below, x));
+        assert_eq!(factorizer.count_below(shift, 0.0, &()), Ok(below));
+        assert_eq!(factorizer.count_below(shift, 0.0, &Threads), Ok(below));
+        assert_eq!(factorizer.count_below(shift, 0.0, &Stopped), Err(EigenError::Cancelled));
+    }
+
+    #[test]
+    fn counts_avoid_shifts_that_break_down() {
+        // An isolated vertex and a path, whose ends have pivots of one times the scale minus the shift.
+        let stiffness = SymmetricCsr::graph_laplacian(5, [(1, 2), (2, 3), (3, 4)].into_iter(), &[1.0; 3]);
+        let mass = [1.0; 5];
+        let factorizer = Factorizer::new(&Problem::new(&stiffness, &mass).expect("a Laplacian")).expect("small");
+        let end = factorizer.order.iter().position(|&v| v == 1 || v == 4).expect("all are in it");
+        let shift = factorizer.lower.diagonal[end];
+        assert!((shift - 5.0).abs() < 1e-12 && factorizer.factor(shift, &()).is_err());
+        // Twice 0, and 5 (2 - 2 cos (pi / 4)); the next is 10.
+        assert_eq!(factorizer.count_below(shift, 0.01, &()), Ok(3));
+        assert_eq!(factorizer.count_below(0.0, 0.01, &()), Err(EigenError::Factorisation { shift: 0.0 }));
     }
 }

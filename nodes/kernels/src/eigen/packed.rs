@@ -3,90 +3,126 @@
 use super::panel::Row;
 use super::spare::Spare;
 use super::tiles::{parts, registers_mut};
-use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
+use crate::multifrontal::{Eliminated, Keep, Symbolic};
 use pulp::{Arch, Simd, WithSimd};
+use std::ops::Range;
 use std::sync::Arc;
+
+/// What all factors of a matrix share: their pattern and layout.
+pub(super) struct Shape {
+    symbolic: Symbolic,
+    /// Where the entries of each supernode begin in [`Packed::values`], and their end.
+    value_starts: Vec<usize>,
+    /// Memory of factors.
+    spare: Spare<Vec<f64>>,
+}
+
+impl Shape {
+    pub fn new(symbolic: Symbolic) -> Self {
+        let mut value_starts = vec![0];
+        let mut end = 0;
+        for node in &symbolic.nodes {
+            end += node.width() * node.height();
+            value_starts.push(end);
+        }
+        Self { symbolic, value_starts, spare: Spare::new() }
+    }
+
+    pub fn symbolic(&self) -> &Symbolic {
+        &self.symbolic
+    }
+
+    /// Entries of a factor.
+    fn entries(&self) -> usize {
+        self.value_starts.last().copied().unwrap_or(0)
+    }
+}
 
 /// L and D^-1 of an LDL' factorisation, in elimination order.
 pub(crate) struct Packed {
-    /// First column of each supernode, then n.
-    columns: Vec<u32>,
-    /// Where the rows below each supernode begin in `rows`, and its entries in `values`.
-    row_starts: Vec<usize>,
-    value_starts: Vec<usize>,
-    rows: Vec<u32>,
-    /// Per supernode: its unit lower triangle as a full square, then the rows below, row by row.
+    shape: Arc<Shape>,
+    /// Per supernode: its unit lower triangle as a full square, then the rows below, row by row. What is not below the diagonal is never read.
     values: Vec<f64>,
     inverse_pivots: Vec<f64>,
-    spare: Arc<Spare<Vec<f64>>>,
 }
 
 impl Drop for Packed {
     fn drop(&mut self) {
-        self.spare.give(std::mem::take(&mut self.values));
+        self.shape.spare.give(std::mem::take(&mut self.values));
     }
 }
 
-impl Packed {
-    /// Takes over the values of a factor, whose supernodes lie column by column. They go to `spare` in the end.
-    pub fn new(
-        symbolic: &SymbolicSupernodalCholesky<usize>,
-        mut values: Vec<f64>,
-        spare: &Arc<Spare<Vec<f64>>>,
-    ) -> Self {
-        let (mut columns, mut row_starts, mut rows) = (Vec::new(), vec![0], Vec::new());
-        let mut inverse_pivots = Vec::with_capacity(symbolic.nrows());
-        let value_starts = symbolic.col_ptr_for_val().to_vec();
-        let mut block = Vec::new();
-        for s in 0..symbolic.n_supernodes() {
-            let node = symbolic.supernode(s);
-            columns.push(node.start() as u32);
-            rows.extend(node.pattern().iter().map(|&r| r as u32));
-            row_starts.push(rows.len());
-            let values = &mut values[value_starts[s]..value_starts[s + 1]];
-            let width = symbolic.supernode_end()[s] - symbolic.supernode_begin()[s];
-            let height = values.len() / width;
-            inverse_pivots.extend((0..width).map(|j| 1.0 / values[j * height + j]));
-            // What is above the diagonal is never read.
-            block.clear();
-            block.extend_from_slice(values);
-            for (i, row) in values.chunks_exact_mut(width).enumerate() {
-                for (x, column) in row.iter_mut().zip(block.chunks_exact(height)) {
-                    *x = column[i];
-                }
-            }
+/// Where supernodes go, one after the other: pieces of a factor's values, the first one last.
+pub(super) struct Pieces<'a>(Vec<&'a mut [f64]>);
+
+impl Keep for Pieces<'_> {
+    #[inline(always)]
+    fn keep(&mut self, front: &Eliminated<'_>) {
+        let (width, height, pitch) = (front.node.width(), front.node.height(), front.pitch);
+        while self.0.pop_if(|piece| piece.is_empty()).is_some() {}
+        let Some(piece) = self.0.pop() else { return };
+        let (values, rest) = piece.split_at_mut(width * height);
+        self.0.push(rest);
+        let mut c = 0;
+        while c < width {
+            let columns = &front.columns[c * pitch..];
+            c += match width - c {
+                8.. => interleave::<8>(columns, pitch, values, width, c),
+                4.. => interleave::<4>(columns, pitch, values, width, c),
+                2.. => interleave::<2>(columns, pitch, values, width, c),
+                _ => interleave::<1>(columns, pitch, values, width, c),
+            };
         }
-        columns.push(symbolic.nrows() as u32);
-        Self { columns, row_starts, value_starts, rows, values, inverse_pivots, spare: Arc::clone(spare) }
+    }
+}
+
+/// Writes C columns into rows of a wider matrix, from column `first` on. Returns C.
+#[inline(always)]
+fn interleave<const C: usize>(columns: &[f64], pitch: usize, values: &mut [f64], width: usize, first: usize) -> usize {
+    let height = values.len() / width;
+    let columns: [&[f64]; C] = std::array::from_fn(|i| &columns[i * pitch..][..height]);
+    for (r, row) in values.chunks_exact_mut(width).enumerate() {
+        let row = &mut row[first..first + C];
+        for i in 0..C {
+            row[i] = columns[i][r];
+        }
+    }
+    C
+}
+
+impl Packed {
+    /// Room for a factor.
+    pub fn new(shape: &Arc<Shape>) -> Self {
+        // All of one length, and of any content.
+        let values = shape.spare.take().unwrap_or_else(|| vec![0.0; shape.entries()]);
+        Self { shape: Arc::clone(shape), values, inverse_pivots: Vec::new() }
     }
 
-    /// The same of a factor without supernodes, which small or very sparse matrices have: each column its pivot, then the entries below.
-    pub fn of_columns(starts: &[usize], rows: &[usize], values: Vec<f64>, spare: &Arc<Spare<Vec<f64>>>) -> Self {
-        let n = starts.len() - 1;
-        let mut packed = Self {
-            columns: (0..=n as u32).collect(),
-            row_starts: vec![0],
-            value_starts: starts.to_vec(),
-            rows: Vec::with_capacity(rows.len()),
-            inverse_pivots: starts[..n].iter().map(|&start| 1.0 / values[start]).collect(),
-            values,
-            spare: Arc::clone(spare),
-        };
-        for column in starts.windows(2) {
-            packed.rows.extend(rows[column[0] + 1..column[1]].iter().map(|&r| r as u32));
-            packed.row_starts.push(packed.rows.len());
+    /// Where the supernodes of each of some ranges go, and where the others do.
+    pub fn pieces(&mut self, ranges: &[Range<usize>]) -> (Vec<Pieces<'_>>, Pieces<'_>) {
+        let (mut within, mut between) = (Vec::new(), Vec::new());
+        let (mut rest, mut at) = (self.values.as_mut_slice(), 0);
+        for range in ranges {
+            let [begin, end] = [range.start, range.end].map(|s| self.shape.value_starts[s]);
+            let (before, others) = rest.split_at_mut(begin - at);
+            let (own, after) = others.split_at_mut(end - begin);
+            between.push(before);
+            within.push(Pieces(vec![own]));
+            (rest, at) = (after, end);
         }
-        packed
+        between.push(rest);
+        between.reverse();
+        (within, Pieces(between))
+    }
+
+    /// Takes the diagonal of D.
+    pub fn invert(&mut self, pivots: &[f64]) {
+        self.inverse_pivots = pivots.iter().map(|p| 1.0 / p).collect();
     }
 
     /// The number of negative pivots.
     pub fn negative(&self) -> usize {
         self.inverse_pivots.iter().filter(|p| **p < 0.0).count()
-    }
-
-    /// Whether no pivot vanished or overflowed.
-    pub fn is_sound(&self) -> bool {
-        self.inverse_pivots.iter().all(|p| p.is_finite() && *p != 0.0)
     }
 
     /// x <- (L D L')^-1 x.
@@ -98,12 +134,11 @@ impl Packed {
     /// The supernode's rows of x, those after it, and its parts of the factor: square, rows below, their entries.
     #[inline(always)]
     fn split<'a, T>(&'a self, s: usize, parts: usize, x: &'a mut [T]) -> Node<'a, T> {
-        let (begin, end) = (self.columns[s] as usize, self.columns[s + 1] as usize);
-        let width = end - begin;
+        let Shape { symbolic, value_starts, .. } = &*self.shape;
+        let node = &symbolic.nodes[s];
+        let (begin, end, width) = (node.begin, node.end, node.width());
         let (head, after) = x.split_at_mut(end * parts);
-        let values = &self.values[self.value_starts[s]..self.value_starts[s + 1]];
-        let (square, below) = values.split_at(width * width);
-        let rows = &self.rows[self.row_starts[s]..self.row_starts[s + 1]];
+        let (square, below) = self.values[value_starts[s]..value_starts[s + 1]].split_at(width * width);
         Node {
             width,
             end,
@@ -111,7 +146,7 @@ impl Packed {
             after,
             square,
             below,
-            rows,
+            rows: &symbolic.rows[node.below()],
             pivots: &self.inverse_pivots[begin..end],
         }
     }
@@ -129,7 +164,7 @@ impl WithSimd for Forward<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let x = registers_mut::<S>(self.x);
-        for s in 0..self.packed.columns.len() - 1 {
+        for s in 0..self.packed.shape.symbolic.nodes.len() {
             let mut node = self.packed.split(s, parts::<S>(), x);
             for part in 0..parts::<S>() {
                 node.forward(simd, part);
@@ -150,7 +185,7 @@ impl WithSimd for Backward<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let x = registers_mut::<S>(self.x);
-        for s in (0..self.packed.columns.len() - 1).rev() {
+        for s in (0..self.packed.shape.symbolic.nodes.len()).rev() {
             let mut node = self.packed.split(s, parts::<S>(), x);
             for part in 0..parts::<S>() {
                 node.backward(simd, part);
@@ -313,20 +348,20 @@ fn add_multiples<S: Simd, const C: usize>(simd: S, sums: &mut [S::f64s; C], l: &
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::eigen::factor::Factorizer;
     use crate::eigen::problem::Problem;
-    use crate::laplacian::{Area, laplacian};
+    use crate::laplacian::{Area, Operator, laplacian};
     use crate::random::Random;
 
-    /// A bumpy sheet of 34 x 26 vertices.
-    fn sheet() -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+    /// A bumpy sheet of p x q vertices.
+    pub fn sheet(p: u32, q: u32) -> Operator {
         let height = |i: u32, j: u32| 0.3 * (0.7 * f64::from(i)).sin() * (0.4 * f64::from(j)).cos();
-        let points = (0..34).flat_map(|i| (0..26).map(move |j| [f64::from(i), f64::from(j), height(i, j)]));
-        let squares = (0..33).flat_map(|i| (0..25).map(move |j| i * 26 + j));
-        let faces = squares.flat_map(|a| [[a, a + 26, a + 27], [a, a + 27, a + 1]]);
-        (points.collect(), faces.collect())
+        let points = (0..p).flat_map(|i| (0..q).map(move |j| [f64::from(i), f64::from(j), height(i, j)]));
+        let squares = (0..p - 1).flat_map(|i| (0..q - 1).map(move |j| i * q + j));
+        let faces = squares.flat_map(|a| [[a, a + q, a + q + 1], [a, a + q + 1, a + 1]]);
+        laplacian(&points.collect::<Vec<_>>(), &faces.collect::<Vec<_>>(), Area::Mixed, false).expect("a plane mesh")
     }
 
     fn solved<S: Simd>(simd: S, packed: &Packed, right: &[Row]) -> Vec<Row> {
@@ -338,13 +373,12 @@ mod tests {
 
     #[test]
     fn solves_leave_no_residual_and_the_width_of_registers_changes_no_bit() {
-        let (vertices, faces) = sheet();
-        let operator = laplacian(&vertices, &faces, Area::Mixed, false).expect("a plane mesh");
+        let operator = sheet(34, 26);
         let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
         let factorizer = Factorizer::new(&problem).expect("small");
         let (order, shift) = (factorizer.order(), 320.0);
-        let packed = factorizer.factor(shift).expect("not singular");
-        let widest = packed.columns.windows(2).map(|c| c[1] - c[0]).max();
+        let packed = factorizer.factor(shift, &()).expect("not singular");
+        let widest = packed.shape.symbolic.nodes.iter().map(crate::multifrontal::Supernode::width).max();
         assert!(packed.negative() > 10 && widest > Some(16), "an indefinite factor with all sizes of supernodes");
         let mut random = Random::from_state(7);
         let right: Vec<Row> = order.iter().map(|_| std::array::from_fn(|_| random.signed())).collect();

@@ -96,7 +96,7 @@ fn plan(spectrum: &Spectrum<'_>, attempt: Attempt) -> Result<Vec<Slice>, EigenEr
     let mut tries = 0;
     let (factor, below) = loop {
         enter(spectrum.hooks, Phase::Factorise)?;
-        let factor = spectrum.factorizer.factor(top)?;
+        let factor = spectrum.factorizer.factor(top, spectrum.hooks)?;
         let below = factor.negative().saturating_sub(spectrum.null.count) as f64;
         if (below - aim).abs() <= (OFF * share).max(4.0) || tries == 4 {
             break (factor, below);
@@ -131,7 +131,7 @@ fn run_slice<'a>(
         factor
     } else {
         enter(spectrum.hooks, Phase::Factorise)?;
-        spectrum.factorizer.factor(slice.shift)?
+        spectrum.factorizer.factor(slice.shift, spectrum.hooks)?
     };
     let own = factor.negative().saturating_sub(spectrum.null.count);
     let below = if i == 0 { Side::Count(own) } else { Side::Until(slice.begin) };
@@ -182,6 +182,6 @@ fn join<'a>(spectrum: &Spectrum<'a>, found: Vec<Found<'a>>) -> Result<Union<'a>,
         from = slice.cut;
     }
     enter(spectrum.hooks, Phase::Count)?;
-    let expected = spectrum.factorizer.count_below(cut, gap)?;
+    let expected = spectrum.factorizer.count_below(cut, gap, spectrum.hooks)?;
     Ok(Union { vectors: Vectors::new(stores)?, cut, expected, last: false })
 }

@@ -170,7 +170,7 @@ impl<'a> Solver<'a> {
         let start = vectors.subcols(0, (cut.position + 1).min(available)).to_owned();
         let mut y = orthonormalise(start).ok_or(UNCERTIFIED)?;
         if y.ncols() > 0 {
-            let factor = self.factorizer.factor(BELOW)?;
+            let factor = self.factorizer.factor(BELOW, self.hooks)?;
             for _ in 0..2 {
                 if self.hooks.cancelled() {
                     return Err(EigenError::Cancelled);
@@ -178,7 +178,7 @@ impl<'a> Solver<'a> {
                 y = refine(self.problem, &factor, self.order, &y)?.ok_or(UNCERTIFIED)?;
             }
         }
-        let expected = self.factorizer.count_below(cut.value, cut.width)?;
+        let expected = self.factorizer.count_below(cut.value, cut.width, self.hooks)?;
         let vectors = Vectors::with(self.pool, n, &values[..cut.position], |i, j| y[(self.order[i] as usize, j)])?;
         Ok(Union { vectors, cut: cut.value, expected, last: cut.position == available })
     }
@@ -190,7 +190,7 @@ impl<'a> Solver<'a> {
         enter(self.hooks, Phase::Certify)?;
         columns.polish(&mut vectors, self.options.tolerance, || {
             enter(self.hooks, Phase::Factorise)?;
-            self.factorizer.factor(BELOW)
+            self.factorizer.factor(BELOW, self.hooks)
         })?;
         enter(self.hooks, Phase::Certify)?;
         let orthogonality = columns.orthogonalise(&mut vectors)?;

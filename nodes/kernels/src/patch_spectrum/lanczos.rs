@@ -7,7 +7,6 @@ use super::panel::{
 };
 use super::problem::Problem;
 use super::solve::solve;
-use super::symbolic::Symbolic;
 use super::tridiagonal;
 use crate::random::Random;
 use crate::simd::vectorised;
@@ -32,7 +31,6 @@ pub(super) struct Ritz {
 /// The run, with panels of B vectors.
 pub(super) struct Lanczos<'a, const B: usize> {
     problem: &'a Problem,
-    symbolic: &'a Symbolic,
     factor: &'a Factor,
     shift: f64,
     /// Relative error of a known solution.
@@ -50,7 +48,6 @@ impl<'a, const B: usize> Lanczos<'a, B> {
     /// A run from random vectors; `None` if the factorisation is not accurate.
     pub fn new(
         problem: &'a Problem,
-        symbolic: &'a Symbolic,
         factor: &'a Factor,
         basis: &'a mut Vec<f64>,
         shift: f64,
@@ -58,7 +55,7 @@ impl<'a, const B: usize> Lanczos<'a, B> {
     ) -> Option<Self> {
         let (rows, diagonal, below) = (vec![[0.0; B]; problem.n()], Vec::new(), Vec::new());
         basis.clear();
-        let mut run = Self { problem, symbolic, factor, shift, solve_error: 0.0, basis, rows, diagonal, below };
+        let mut run = Self { problem, factor, shift, solve_error: 0.0, basis, rows, diagonal, below };
         run.solve_error = run.known_solution();
         if run.solve_error.is_nan() || run.solve_error > ACCURACY {
             return None;
@@ -87,7 +84,7 @@ impl<'a, const B: usize> Lanczos<'a, B> {
     fn known_solution(&self) -> f64 {
         let Problem { root, pull, .. } = self.problem;
         let mut x: Vec<Row<1>> = root.iter().zip(pull).map(|(u, pull)| [pull - self.shift * u]).collect();
-        solve(self.symbolic, self.factor, &mut x);
+        solve(&self.problem.symbolic, self.factor, &mut x);
         let (mut error, mut size) = (0.0, 0.0);
         for (x, u) in x.iter().zip(root) {
             error += (x[0] - u) * (x[0] - u);
@@ -110,7 +107,7 @@ impl<'a, const B: usize> Lanczos<'a, B> {
     pub fn step(&mut self) {
         let (j, size) = (self.diagonal.len(), size::<B>(self.problem.n()));
         to_rows(groups(&self.basis[j * size..]), &mut self.rows);
-        solve::<B>(self.symbolic, self.factor, &mut self.rows);
+        solve::<B>(&self.problem.symbolic, self.factor, &mut self.rows);
         self.append();
         let (done, w) = self.basis.split_at_mut((j + 1) * size);
         let (done, w): (Vec<&[Group<B>]>, _) = (done.chunks_exact(size).map(groups).collect(), groups_mut(w));

@@ -1,6 +1,7 @@
 //! Memory kept from one patch to the next: a page touched for the first time costs more than what is computed in it.
 
-use super::factor::{Factor, Fronts};
+use super::factor::Factor;
+use crate::multifrontal::Fronts;
 use std::cell::Cell;
 
 /// More than this many numbers are given back at once.

@@ -2,7 +2,7 @@
 
 use super::factor::{Factor, TOGETHER};
 use super::panel::{Row, add_multiple};
-use super::symbolic::{Supernode, Symbolic};
+use crate::multifrontal::{Supernode, Symbolic};
 use crate::simd::vectorised;
 
 /// Replaces x by (L D L')^-1 x.
@@ -41,7 +41,7 @@ struct Reach<'a, const B: usize> {
 fn reach<'a, const B: usize>(symbolic: &'a Symbolic, s: usize, x: &'a mut [Row<B>]) -> Reach<'a, B> {
     let Supernode { begin, end, .. } = symbolic.nodes[s];
     let (head, after) = x.split_at_mut(end);
-    Reach { own: &mut head[begin..], after, end, rows: &symbolic.rows[symbolic.range(s)] }
+    Reach { own: &mut head[begin..], after, end, rows: &symbolic.rows[symbolic.nodes[s].below()] }
 }
 
 #[inline(always)]
@@ -152,13 +152,13 @@ fn add_line<const C: usize, const B: usize>(sums: &mut [Row<B>; C], line: &[f64;
 
 #[cfg(test)]
 mod tests {
-    use super::super::factor::{Factor, Fronts};
-    use super::super::order::NONE;
+    use super::super::factor::Factor;
     use super::super::problem::{Problem, problems};
     use super::super::tridiagonal;
     use super::*;
     use crate::adjacency::on_rim;
     use crate::laplacian::{Area, laplacian};
+    use crate::multifrontal::Fronts;
     use crate::random::Random;
 
     /// A bent grid of p by q squares, its vertices in random order, and its problems.
@@ -185,24 +185,22 @@ mod tests {
 
     #[test]
     fn factors_count_and_solve() {
-        let (mut factor, mut fronts) = (Factor::default(), Fronts::default());
+        let mut fronts = Fronts::default();
         // The last one has separators wider than a group of chunks.
         for (p, q, shift) in [(1, 1, 20.0), (40, 1, 100.0), (9, 7, 60.0), (45, 40, 90.0)] {
             let problems = grid(p, q);
             assert_eq!(problems.len(), if q > 1 { 2 } else { 1 });
             for problem in &problems {
                 let (n, a) = (problem.n(), problem.dense());
-                let symbolic = Symbolic::new(problem);
-                assert!(problem.parents.iter().zip(0..).all(|(&parent, j)| parent > j));
-                assert_eq!(problem.parents.iter().filter(|p| **p == NONE).count(), 1, "one piece, one root");
                 if n < 500 {
                     let values = tridiagonal::eigenvalues(&mut a.clone(), n, &mut []).expect("converges");
                     let below = values.iter().filter(|x| **x < shift).count();
-                    assert_eq!(fronts.count(&symbolic, problem, shift), Some(below));
+                    assert_eq!(problem.count_below(shift, &mut fronts), Some(below));
                 }
-                let below = factor.compute(&symbolic, problem, shift, &mut fronts);
-                assert_eq!(below, fronts.count(&symbolic, problem, shift));
-                assert!(factor.values.len() <= symbolic.values, "it grows");
+                let mut factor = Factor::default();
+                let below = factor.compute(problem, shift, &mut fronts);
+                assert_eq!(below, problem.count_below(shift, &mut fronts));
+                assert_eq!(factor.values.len(), factor.values.capacity(), "it has grown");
                 let mut random = Random::new(&[7]);
                 let x: Vec<Row<4>> = (0..n).map(|_| std::array::from_fn(|_| random.signed())).collect();
                 let mut y: Vec<Row<4>> = x.iter().map(|row| row.map(|x| -shift * x)).collect();
@@ -211,7 +209,7 @@ mod tests {
                         add_multiple(y, *entry, x);
                     }
                 }
-                solve(&symbolic, &factor, &mut y);
+                solve(&problem.symbolic, &factor, &mut y);
                 let near = |(x, y): (&Row<4>, &Row<4>)| (0..4).all(|l| (x[l] - y[l]).abs() < 1e-9);
                 assert!(x.iter().zip(&y).all(near), "{p} x {q}, {n}");
             }
@@ -222,7 +220,7 @@ mod tests {
     fn breakdown_is_told() {
         // The first pivot is exactly zero.
         let problem = &grid(1, 1)[0];
-        let shift = problem.diagonal[0];
-        assert_eq!(Fronts::default().count(&Symbolic::new(problem), problem, shift), None);
+        let shift = problem.lower.diagonal[0];
+        assert_eq!(problem.count_below(shift, &mut Fronts::default()), None);
     }
 }

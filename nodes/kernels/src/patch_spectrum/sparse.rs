@@ -1,12 +1,12 @@
 //! The lowest values of both problems by Lanczos, certified by inertia counts at the shift and above the last value.
 
 use super::PatchError;
-use super::factor::{Factor, Fronts};
+use super::factor::Factor;
 use super::lanczos::{Lanczos, Ritz};
 use super::memory::Memory;
 use super::problem::Problem;
-use super::symbolic::Symbolic;
 use crate::eigen::Hooks;
+use crate::multifrontal::Fronts;
 use std::f64::consts::PI;
 
 /// Accepted bound of the relative error of a value.
@@ -22,30 +22,18 @@ const SHIFT_AT: f64 = 0.65;
 /// Shifts tried in a row.
 const SHIFTS: usize = 8;
 
-/// A problem with the pattern of its factor.
-pub(super) struct Prepared {
-    problem: Problem,
-    symbolic: Symbolic,
-}
-
-impl From<Problem> for Prepared {
-    fn from(problem: Problem) -> Self {
-        Self { symbolic: Symbolic::new(&problem), problem }
-    }
-}
-
 /// The lowest `count` positive eigenvalues of one or two problems together, ascending, by panels of B vectors.
 ///
 /// `Ok(None)` if they could not be certified.
 pub(super) fn lowest<const B: usize>(
-    prepared: &[Prepared],
+    problems: &[Problem],
     count: usize,
     seed: u64,
     memory: &mut Memory,
     hooks: &dyn Hooks,
 ) -> Result<Option<Vec<f64>>, PatchError> {
     // Weyl's law for the closed surface, of area 2 if doubled.
-    let expected = 4.0 * PI * count as f64 / prepared.len() as f64;
+    let expected = 4.0 * PI * count as f64 / problems.len() as f64;
     let mut shift = SHIFT_AT * expected * (1.0 + 0.07 * seed as f64);
     let mut nudged = false;
     let Memory { fronts, factors, bases } = memory;
@@ -53,7 +41,7 @@ pub(super) fn lowest<const B: usize>(
         if hooks.cancelled() {
             return Err(PatchError::Cancelled);
         }
-        let Some(below) = factor(prepared, shift, factors, fronts) else {
+        let Some(below) = factor(problems, shift, factors, fronts) else {
             shift *= 1.013;
             continue;
         };
@@ -64,24 +52,24 @@ pub(super) fn lowest<const B: usize>(
             shift *= ((target + 0.5) / (found as f64 + 0.5)).clamp(0.2, 5.0);
             continue;
         }
-        let parts = prepared.iter().zip(&*factors).zip(&mut *bases);
-        let runs = parts.map(|((p, factor), basis)| Lanczos::new(&p.problem, &p.symbolic, factor, basis, shift, seed));
+        let parts = problems.iter().zip(&*factors).zip(&mut *bases);
+        let runs = parts.map(|((problem, factor), basis)| Lanczos::new(problem, factor, basis, shift, seed));
         let Some(runs) = runs.collect::<Option<Vec<_>>>() else {
             // Too near an eigenvalue of one of the problems.
             shift *= 1.013;
             nudged = true;
             continue;
         };
-        return Search::<B> { prepared, runs, fronts, count, below_shift: below, shift, hooks }.run();
+        return Search::<B> { problems, runs, fronts, count, below_shift: below, shift, hooks }.run();
     }
     Ok(None)
 }
 
 /// Factors A - shift I of each problem; the number of its positive eigenvalues below the shift. `None` if one breaks down.
-fn factor(prepared: &[Prepared], shift: f64, factors: &mut [Factor; 2], fronts: &mut Fronts) -> Option<[usize; 2]> {
+fn factor(problems: &[Problem], shift: f64, factors: &mut [Factor; 2], fronts: &mut Fronts) -> Option<[usize; 2]> {
     let mut below = [0; 2];
-    for ((Prepared { problem, symbolic }, factor), below) in prepared.iter().zip(factors).zip(&mut below) {
-        *below = positive(problem, factor.compute(symbolic, problem, shift, fronts)?);
+    for ((problem, factor), below) in problems.iter().zip(factors).zip(&mut below) {
+        *below = positive(problem, factor.compute(problem, shift, fronts)?);
     }
     Some(below)
 }
@@ -92,7 +80,7 @@ fn positive(problem: &Problem, count: usize) -> usize {
 }
 
 struct Search<'a, const B: usize> {
-    prepared: &'a [Prepared],
+    problems: &'a [Problem],
     runs: Vec<Lanczos<'a, B>>,
     fronts: &'a mut Fronts,
     count: usize,
@@ -173,8 +161,8 @@ impl<const B: usize> Search<'_, B> {
     fn certified(&mut self, cut: f64, found: &[(f64, usize)]) -> bool {
         let below: [usize; 2] = std::array::from_fn(|which| found.iter().filter(|f| f.1 == which).count());
         let fronts = &mut *self.fronts;
-        self.prepared.iter().zip(below).all(|(Prepared { problem, symbolic }, below)| {
-            fronts.count(symbolic, problem, cut).is_some_and(|count| positive(problem, count) == below)
+        self.problems.iter().zip(below).all(|(problem, below)| {
+            problem.count_below(cut, fronts).is_some_and(|count| positive(problem, count) == below)
         })
     }
 
