@@ -26,8 +26,9 @@ pub(super) struct Factorizer {
     /// What threads can do at the same time.
     branches: Vec<Range<usize>>,
     area: f64,
-    /// Memory of fronts.
+    /// Memory of fronts, and of what branches leave.
     fronts: Spare<Fronts>,
+    left: Spare<Branch>,
 }
 
 impl Factorizer {
@@ -39,7 +40,15 @@ impl Factorizer {
         let symbolic = Symbolic::new(&elimination, &RELAXED);
         let branches = symbolic.branches(SHARE, LEAST);
         let shape = Arc::new(Shape::new(symbolic));
-        Ok(Self { order: elimination.order, lower, shape, branches, area: problem.area, fronts: Spare::new() })
+        Ok(Self {
+            order: elimination.order,
+            lower,
+            shape,
+            branches,
+            area: problem.area,
+            fronts: Spare::new(),
+            left: Spare::new(),
+        })
     }
 
     /// The vertex that is eliminated at each step.
@@ -83,11 +92,14 @@ impl Factorizer {
         let own: Vec<Mutex<K>> = own.into_iter().map(Mutex::new).collect();
         let branches = collect(hooks, own.len(), &|i| {
             let keep = &mut *own[i].lock().unwrap_or_else(PoisonError::into_inner);
-            self.with_fronts(|fronts| fronts.branch(&matrix, self.branches[i].clone(), keep))
+            let memory = self.left.take().unwrap_or_default();
+            self.with_fronts(|fronts| fronts.branch(&matrix, self.branches[i].clone(), keep, memory))
         })?;
         let Some(branches) = branches.into_iter().collect::<Option<Vec<Branch>>>() else { return Ok(None) };
         let all = |fronts: &mut Fronts| fronts.join(&matrix, &branches, &mut rest).map(|_| fronts.pivots.clone());
-        Ok(self.with_fronts(all))
+        let pivots = self.with_fronts(all);
+        branches.into_iter().for_each(|branch| self.left.give(branch));
+        Ok(pivots)
     }
 
     fn with_fronts<T>(&self, f: impl FnOnce(&mut Fronts) -> T) -> T {

@@ -50,6 +50,7 @@ pub(crate) struct Fronts {
 }
 
 /// A finished part of a factorisation: what its parents need.
+#[derive(Default)]
 pub(crate) struct Branch {
     nodes: Range<usize>,
     stack: Vec<f64>,
@@ -69,12 +70,20 @@ impl Fronts {
         self.join(matrix, &[], keep)
     }
 
-    /// The same for one of [`Symbolic::branches`] alone.
-    pub fn branch(&mut self, matrix: &Shifted<'_>, nodes: Range<usize>, keep: &mut impl Keep) -> Option<Branch> {
+    /// The same for one of [`Symbolic::branches`] alone, in memory of another one that is done with.
+    pub fn branch(
+        &mut self,
+        matrix: &Shifted<'_>,
+        nodes: Range<usize>,
+        keep: &mut impl Keep,
+        memory: Branch,
+    ) -> Option<Branch> {
         self.run(matrix, nodes.clone(), &[], keep)?;
-        // No more than there is: this is what waits.
-        let (stack, waiting) = (self.stack.clone(), self.waiting.clone());
-        Some(Branch { nodes, stack, waiting, pivots: self.pivots.clone() })
+        let mut branch = Branch { nodes, ..memory };
+        branch.stack.clone_from(&self.stack);
+        branch.waiting.clone_from(&self.waiting);
+        branch.pivots.clone_from(&self.pivots);
+        Some(branch)
     }
 
     /// The same as [`Fronts::factor`] where some branches are done. Only the others are kept.
@@ -273,7 +282,8 @@ mod tests {
             assert!(ranges.is_sorted_by(|a, b| a.end <= b.start));
             let mut parts = Full(Mat::identity(lower.n(), lower.n()), &symbolic);
             // In any order, in used memory.
-            let branches = ranges.into_iter().rev().map(|range| other.branch(&matrix, range, &mut parts));
+            let branches =
+                ranges.into_iter().rev().map(|range| other.branch(&matrix, range, &mut parts, Branch::default()));
             let mut branches: Vec<Branch> = branches.collect::<Option<_>>().expect("no breakdown");
             branches.reverse();
             assert_eq!(other.join(&matrix, &branches, &mut parts), below);
