@@ -15,6 +15,7 @@ mod gauge;
 mod lanczos;
 mod packed;
 mod panel;
+mod parts;
 mod pool;
 mod problem;
 mod quality;

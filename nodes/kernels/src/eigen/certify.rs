@@ -4,6 +4,7 @@ use super::basis::Null;
 use super::gauge::is_turned;
 use super::packed::Packed;
 use super::panel::{Row, Rows, WIDTH};
+use super::parts::{collect, locked};
 use super::pool::{Panel, RUN};
 use super::problem::Problem;
 use super::quality::Quality;
@@ -11,8 +12,7 @@ use super::spare::Spare;
 use super::tiles::Triangle;
 use super::vectors::{Vectors, by_vertex, null_product};
 use super::{EigenError, Hooks, Phase, enter};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 /// Inner products above this are removed: neighbours found by different slices, each accurate, are that nearly orthogonal only.
 const REMOVED: f64 = 1e-11;
@@ -72,7 +72,7 @@ impl<'a> Columns<'a> {
                 let memory = self.by_vertex(panels[p])?;
                 let v = memory.as_slice();
                 let quality = self.problem.examine(v, &guesses[begin + p], tolerance);
-                self.write(v, &quality, &mut slots[begin + p].lock().unwrap_or_else(PoisonError::into_inner));
+                self.write(v, &quality, &mut locked(&slots[begin + p]));
                 self.spare.give(memory);
                 Ok(quality)
             })?;
@@ -271,30 +271,6 @@ fn permute(columns: &mut [f64], n: usize, order: &[usize]) {
         }
         order[place] = place;
     }
-}
-
-/// All tasks, on the threads that the hooks lend; cancelled if one was left out.
-pub(super) fn each(hooks: &dyn Hooks, count: usize, task: &(dyn Fn(usize) + Sync)) -> Result<(), EigenError> {
-    let done = AtomicUsize::new(0);
-    hooks.each(count, &|i| {
-        task(i);
-        done.fetch_add(1, Ordering::Relaxed);
-    });
-    if done.into_inner() == count { Ok(()) } else { Err(EigenError::Cancelled) }
-}
-
-/// The results of all tasks, in order.
-pub(super) fn collect<T: Send>(
-    hooks: &dyn Hooks,
-    count: usize,
-    task: &(dyn Fn(usize) -> T + Sync),
-) -> Result<Vec<T>, EigenError> {
-    let slots: Vec<Mutex<Option<T>>> = (0..count).map(|_| Mutex::new(None)).collect();
-    each(hooks, count, &|i| {
-        let result = task(i);
-        *slots[i].lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
-    })?;
-    Ok(slots.into_iter().filter_map(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner)).collect())
 }
 
 /// An uncertified result of which nothing more is known.

@@ -87,8 +87,8 @@ struct Krylov<'r, 'a> {
 }
 
 /// Finds the pairs that `run.reach` asks for.
-pub(super) fn lanczos<'a>(run: &Run<'_, 'a>, hooks: &dyn Hooks, step: &dyn Fn()) -> Result<Found<'a>, EigenError> {
-    let mut krylov = Krylov::new(run)?;
+pub(super) fn lanczos<'a>(run: &Run<'_, 'a>, hooks: &'a dyn Hooks, step: &dyn Fn()) -> Result<Found<'a>, EigenError> {
+    let mut krylov = Krylov::new(run, hooks)?;
     let limit = (run.n - run.null.count) / WIDTH;
     let mut stalled = 0;
     loop {
@@ -106,7 +106,7 @@ pub(super) fn lanczos<'a>(run: &Run<'_, 'a>, hooks: &dyn Hooks, step: &dyn Fn())
         match verdict {
             Verdict::Done(chosen) if krylov.dropped.len() >= run.restarts => {
                 enter(hooks, Phase::Vectors)?;
-                return Ok(krylov.found(&projected, &chosen));
+                return krylov.found(&projected, &chosen);
             }
             Verdict::Done(_) | Verdict::Short => krylov.extend(true, hooks)?,
             Verdict::NotYet(off) if off <= 1.0 && stalled == STALLED => {
@@ -143,11 +143,11 @@ struct Projected {
 }
 
 impl<'r, 'a> Krylov<'r, 'a> {
-    fn new(run: &'r Run<'r, 'a>) -> Result<Self, EigenError> {
+    fn new(run: &'r Run<'r, 'a>, hooks: &'a dyn Hooks) -> Result<Self, EigenError> {
         let first_check = expected_blocks(run.n, run.reach.expected, run.reach.is_lowest());
         let mut krylov = Self {
             run,
-            basis: Basis::new(run.pool, run.null)?,
+            basis: Basis::new(run.pool, run.null, hooks)?,
             recurrence: Recurrence::default(),
             departure: Departure::default(),
             dropped: Vec::new(),
@@ -166,8 +166,8 @@ impl<'r, 'a> Krylov<'r, 'a> {
         self.run.factor.solve(self.basis.work(self.run.n));
         enter(hooks, Phase::Orthogonalise)?;
         let before = (last > 0).then(|| transposed(&self.recurrence.below[last - 1]));
-        let diagonal = symmetrised(&self.basis.diagonal());
-        let near = self.basis.recur(&diagonal, before.as_ref());
+        let diagonal = symmetrised(&self.basis.diagonal()?);
+        let near = self.basis.recur(&diagonal, before.as_ref())?;
         self.recurrence.diagonal.push(diagonal);
         let size = largest(&diagonal).max(before.as_ref().map_or(0.0, largest));
         let below = if fresh || !self.dropped.is_empty() { None } else { self.append_nearly_orthogonal(&near)? };
@@ -194,10 +194,10 @@ impl<'r, 'a> Krylov<'r, 'a> {
         }
         let mut along = Along { panels: Vec::new() };
         if loss > LOSS {
-            along = self.basis.along(true, Some(&scale));
+            along = self.basis.along(true, Some(&scale))?;
             self.departure.note(&along.panels, &self.recurrence);
         }
-        let again = self.basis.remove(near, &along, Some(&scale));
+        let again = self.basis.remove(near, &along, Some(&scale))?;
         let below = self.append_scaled(&first, &again)?;
         if loss > LOSS
             && !self.basis.is_locked()
@@ -220,7 +220,7 @@ impl<'r, 'a> Krylov<'r, 'a> {
 
     /// Orthogonalises w against everything known. Appends it and returns its R, or nothing if it is to be replaced or nothing is left of it.
     fn append_in_full(&mut self, near: &Near, fresh: bool, size: f64) -> Result<Option<Block>, EigenError> {
-        let along = self.basis.along(true, None);
+        let along = self.basis.along(true, None)?;
         let last = self.recurrence.diagonal.len() - 1;
         if self.dropped.is_empty() {
             self.departure.note(&along.panels, &self.recurrence);
@@ -231,7 +231,7 @@ impl<'r, 'a> Krylov<'r, 'a> {
             self.recurrence.couplings.push((*block, last, found));
             subtract(rest, &product(&found, &transposed(&found)));
         }
-        let gram = self.basis.remove(near, &along, None);
+        let gram = self.basis.remove(near, &along, None)?;
         let left = (0..WIDTH).map(|i| gram[i][i]).fold(0.0, f64::max).sqrt();
         let below = if !fresh && left > DEPENDENT * size { self.append(&gram)? } else { None };
         if below.is_none() {
@@ -243,7 +243,7 @@ impl<'r, 'a> Krylov<'r, 'a> {
     /// Cholesky QR, twice, of w with this Gram matrix; appends Q and returns R. Nothing if the columns are dependent.
     fn append(&mut self, gram: &Block) -> Result<Option<Block>, EigenError> {
         let Some(first) = cholesky(gram) else { return Ok(None) };
-        let again = self.basis.multiply(&inverse(&first));
+        let again = self.basis.multiply(&inverse(&first))?;
         self.append_scaled(&first, &again)
     }
 
@@ -266,8 +266,8 @@ impl<'r, 'a> Krylov<'r, 'a> {
             }
             let mut gram = ZERO;
             for _ in 0..2 {
-                let (near, along) = (self.basis.near(), self.basis.along(false, None));
-                gram = self.basis.remove(&near, &along, None);
+                let (near, along) = (self.basis.near()?, self.basis.along(false, None)?);
+                gram = self.basis.remove(&near, &along, None)?;
             }
             if self.append(&gram)?.is_some() {
                 return Ok(());
@@ -306,7 +306,7 @@ impl<'r, 'a> Krylov<'r, 'a> {
     }
 
     /// Purified Ritz vectors of unit norm.
-    fn found(self, projected: &Projected, chosen: &Chosen) -> Found<'a> {
+    fn found(self, projected: &Projected, chosen: &Chosen) -> Result<Found<'a>, EigenError> {
         let m = self.recurrence.diagonal.len() * WIDTH;
         let last = &self.recurrence.below[self.recurrence.below.len() - 1];
         let columns: Vec<usize> = chosen.pairs.iter().map(|r| r.column).collect();
@@ -328,14 +328,14 @@ impl<'r, 'a> Krylov<'r, 'a> {
                 c[(m + p, j)] *= scale;
             }
         }
-        Found {
+        Ok(Found {
             values: chosen.pairs.iter().map(|r| r.value).collect(),
-            vectors: self.basis.combine(c.as_ref()),
+            vectors: self.basis.combine(c.as_ref())?,
             cut: chosen.cut,
             gap: chosen.gap,
             shift: self.run.shift,
             count_below: self.run.count_below,
-        }
+        })
     }
 }
 

@@ -1,17 +1,17 @@
 //! The wanted part of the spectrum in slices: each around a shift of its own, independent of the others, joined at cuts in gaps.
 
 use super::basis::Null;
-use super::certify::collect;
 use super::factor::Factorizer;
 use super::lanczos::{Found, Run, expected_blocks, lanczos};
 use super::packed::Packed;
+use super::parts::{collect, locked};
 use super::pool::Pool;
 use super::reach::{Reach, Side};
 use super::vectors::{Store, Vectors};
 use super::{EigenError, Hooks, Options, Phase, enter};
 use std::f64::consts::PI;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 /// What the slices share.
 pub(super) struct Spectrum<'a> {
@@ -83,10 +83,6 @@ pub(super) fn union<'a>(spectrum: &Spectrum<'a>, attempt: Attempt) -> Result<Uni
     join(spectrum, found.into_iter().rev().collect::<Result<_, _>>()?)
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// Windows of as many eigenvalues each, by Weyl's law as the count at the uppermost shift corrects it, and a shift in each.
 fn plan(spectrum: &Spectrum<'_>, attempt: Attempt) -> Result<Vec<Slice>, EigenError> {
     let count = slice_count(spectrum.n, spectrum.wanted);
@@ -117,7 +113,7 @@ fn plan(spectrum: &Spectrum<'_>, attempt: Attempt) -> Result<Vec<Slice>, EigenEr
         Slice { begin: value(begin), shift, pairs: pairs as usize, factor: Mutex::new(None) }
     });
     let slices: Vec<Slice> = slices.collect();
-    *lock(&slices[count - 1].factor) = Some(factor);
+    *locked(&slices[count - 1].factor) = Some(factor);
     Ok(slices)
 }
 
@@ -129,7 +125,7 @@ fn run_slice<'a>(
     step: &dyn Fn(),
 ) -> Result<Found<'a>, EigenError> {
     let slice = &slices[i];
-    let at_hand = lock(&slice.factor).take();
+    let at_hand = locked(&slice.factor).take();
     let factor = if let Some(factor) = at_hand {
         factor
     } else {
