@@ -70,7 +70,8 @@ pub(super) struct Basis<'a> {
     sketch: Rows,
     signs: Random,
     /// Ritz vectors along which products grow fastest: every new panel is made orthogonal to them.
-    locked: Panels<'a>,
+    locked: Rows,
+    pool: &'a Pool,
     null: &'a Null,
     hooks: &'a dyn Hooks,
 }
@@ -135,7 +136,8 @@ impl<'a> Basis<'a> {
             work: pool.panels(1)?,
             sketch: pool.panels(1)?,
             signs: Random::from_state(SIGNS),
-            locked: Panels::new(pool),
+            locked: pool.panels(0)?,
+            pool,
             null,
             hooks,
         })
@@ -146,7 +148,7 @@ impl<'a> Basis<'a> {
     }
 
     pub fn is_locked(&self) -> bool {
-        self.locked.count() > 0
+        !runs(&self.locked).is_empty()
     }
 
     /// The first rows of the panel worked on.
@@ -154,9 +156,9 @@ impl<'a> Basis<'a> {
         &mut self.work.as_mut_slice()[..rows]
     }
 
-    /// A pass in which each row is multiplied by so many blocks.
-    fn pass(&self, blocks: usize) -> Pass<'a> {
-        Pass::new(self.hooks, runs(&self.work).len(), blocks)
+    /// A pass over all rows that costs as much as so many products of each with a block.
+    fn pass(&self, cost: usize) -> Pass<'a> {
+        Pass::new(self.hooks, runs(&self.work).len(), cost)
     }
 
     /// V_j' w for the last panel j.
@@ -180,8 +182,8 @@ impl<'a> Basis<'a> {
         let share = 1.0 / (WIDTH as f64).sqrt();
         let mut sign = || if self.signs.signed() < 0.0 { share } else { -share };
         let signs: Block = std::array::from_fn(|_| std::array::from_fn(|_| sign()));
-        let pass = self.pass(2 * self.panels.count().min(2) + self.locked.count() + 3);
-        let (newest, locked) = (self.panels.newest(), self.locked.all());
+        let (newest, locked) = (self.panels.newest(), self.pool.split(&self.locked));
+        let pass = self.pass(2 * newest.len() + locked.len() + 3);
         let work = runs_mut(&mut self.work).chunks_mut(pass.share);
         let parts = work.zip(runs_mut(&mut self.sketch).chunks_mut(pass.share));
         pass.sum(Near::none(self.null, locked.len()), parts, Near::join, |first, (work, sketch), near| {
@@ -205,7 +207,7 @@ impl<'a> Basis<'a> {
 
     /// Products with what is nearest.
     pub fn near(&self) -> Result<Near, EigenError> {
-        let (newest, locked) = (self.panels.newest(), self.locked.all());
+        let (newest, locked) = (self.panels.newest(), self.pool.split(&self.locked));
         let pass = self.pass(newest.len() + locked.len() + 2);
         let parts = runs(&self.work).chunks(pass.share).zip(runs(&self.sketch).chunks(pass.share));
         pass.sum(Near::none(self.null, locked.len()), parts, Near::join, |first, (work, sketch), near| {
@@ -272,7 +274,7 @@ impl<'a> Basis<'a> {
     pub fn remove(&mut self, near: &Near, along: &Along, h: Option<&Block>) -> Result<Block, EigenError> {
         let paired = along.panels.iter().any(|h| norm(&h[0]) > 0.0);
         let pass = self.pass(along.panels.len() * (1 + usize::from(paired)) + 4);
-        let (null, locked) = (self.null, self.locked.all());
+        let (null, locked) = (self.null, self.pool.split(&self.locked));
         let (older, last) = self.panels.split().unwrap_or_default();
         // There is none at first.
         let mut last = last.chunks_mut(pass.share);
@@ -335,7 +337,8 @@ impl<'a> Basis<'a> {
     /// w <- w h, which is appended.
     pub fn append(&mut self, h: &Block) -> Result<(), EigenError> {
         self.panels.grow()?;
-        let pass = self.pass(1);
+        // Three panels go through memory.
+        let pass = self.pass(3);
         let (_, last) = self.panels.split().unwrap_or_default();
         let parts = runs_mut(&mut self.work).chunks_mut(pass.share).zip(last.chunks_mut(pass.share));
         pass.run(parts, |_, (work, last)| {
@@ -354,22 +357,17 @@ impl<'a> Basis<'a> {
     /// Locks V c; c has eight rows for each of the first panels, and columns in eights.
     pub fn lock(&mut self, c: MatRef<'_, f64>) -> Result<(), EigenError> {
         let (rows, columns) = (c.nrows() / WIDTH, c.ncols() / WIDTH);
-        for _ in 0..columns {
-            self.locked.grow()?;
-        }
+        self.locked = self.pool.panels(columns)?;
         let pass = self.pass(rows * columns);
         let mut panels = self.panels.all_mut();
         panels.truncate(rows);
-        panels.extend(self.locked.all_mut());
+        panels.extend(self.pool.split_mut(&mut self.locked));
         let block = |p: usize, l: usize| -> Block {
             std::array::from_fn(|i| std::array::from_fn(|q| -c[(p * WIDTH + i, l * WIDTH + q)]))
         };
         let steps = (0..columns).flat_map(|l| (0..rows).map(move |p| (l, p)));
         let steps: Vec<_> = steps.map(|(l, p)| (rows + l, p, block(p, l))).collect();
-        pass.run(pass.split(panels), |_, mut panels| {
-            panels[rows..].iter_mut().for_each(|panel| panel.fill([[0.0; WIDTH]; RUN]));
-            subtract_products(&mut panels, &steps);
-        })
+        pass.run(pass.split(panels), |_, mut panels| subtract_products(&mut panels, &steps))
     }
 
     /// V c, in place of the first panels; c has eight rows per panel, and panels of columns.

@@ -10,7 +10,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Most parts of a pass.
 const PARTS: usize = 4;
 
-/// Products of a row with a block that are worth a thread: they take about 0.1 ms, and lending one 0.02 to 0.05.
+/// Products of a row with a block that are worth a thread: they take 0.1 ms, and lending one 0.02 to 0.05.
 const GRAIN: usize = 1 << 15;
 
 /// What a mutex holds; a task that panics takes the whole computation with it anyway.
@@ -42,6 +42,24 @@ pub(super) fn collect<T: Send>(
     Ok(slots.into_iter().filter_map(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner)).collect())
 }
 
+/// Two different tasks, as [`each`].
+pub(super) fn both<A: Send, B: Send>(
+    hooks: &dyn Hooks,
+    first: impl FnOnce() -> A + Send,
+    second: impl FnOnce() -> B + Send,
+) -> Result<(A, B), EigenError> {
+    let (first, second) = (Mutex::new((Some(first), None)), Mutex::new((Some(second), None)));
+    each(hooks, 2, &|i| if i == 0 { once(&first) } else { once(&second) })?;
+    let result = (locked(&first).1.take(), locked(&second).1.take());
+    if let (Some(a), Some(b)) = result { Ok((a, b)) } else { Err(EigenError::Cancelled) }
+}
+
+/// Puts the task's result beside it.
+fn once<T>(task: &Mutex<(Option<impl FnOnce() -> T>, Option<T>)>) {
+    let (task, result) = &mut *locked(task);
+    *result = task.take().map(|task| task());
+}
+
 /// A pass over all runs of some panels, part by part.
 pub(super) struct Pass<'h> {
     hooks: &'h dyn Hooks,
@@ -50,9 +68,9 @@ pub(super) struct Pass<'h> {
 }
 
 impl<'h> Pass<'h> {
-    /// A pass over so many runs in which each row is multiplied by so many blocks.
-    pub fn new(hooks: &'h dyn Hooks, runs: usize, blocks: usize) -> Self {
-        let parts = (runs * RUN * blocks / GRAIN).clamp(1, PARTS);
+    /// A pass over so many runs that costs as much as so many products of each row with a block.
+    pub fn new(hooks: &'h dyn Hooks, runs: usize, cost: usize) -> Self {
+        let parts = (runs * RUN * cost / GRAIN).clamp(1, PARTS);
         Self { hooks, share: runs.div_ceil(parts).max(1) }
     }
 

@@ -10,8 +10,8 @@ use super::reach::{Reach, Side};
 use super::vectors::{Store, Vectors};
 use super::{EigenError, Hooks, Options, Phase, enter};
 use std::f64::consts::PI;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// What the slices share.
 pub(super) struct Spectrum<'a> {

@@ -7,6 +7,7 @@ use super::dense::{lifted, orthonormalise, refine, symmetric_eigen};
 use super::factor::Factorizer;
 use super::lanczos::expected_blocks;
 use super::panel::WIDTH;
+use super::parts::both;
 use super::pool::Pool;
 use super::problem::Problem;
 use super::slices::{Attempt, Spectrum, Union, slice_count, union};
@@ -36,16 +37,27 @@ pub(crate) fn solve(
     let hooks = &Forward { hooks, reached: AtomicU64::new(0) };
     hooks.progress(0.0);
     enter(hooks, Phase::Order)?;
-    let factorizer = Factorizer::new(problem)?;
+    let (n, wanted) = (problem.n(), k.saturating_sub(problem.nullity()));
+    let slices = slice_count(n, wanted);
+    let pool = Pool::new(n, wanted / slices);
+    let sparse = is_sparse(n, wanted, options);
+    let prepare = || {
+        if !sparse {
+            return Ok(());
+        }
+        pool.lend(vec![0.0; n * k]);
+        pool.prepare(1 + expected_blocks(n, wanted / slices, slices == 1), || !hooks.cancelled())
+    };
+    let (factorizer, prepared) = both(hooks, || Factorizer::new(problem), prepare)?;
+    prepared?;
+    let factorizer = factorizer?;
     let order = factorizer.order();
-    let null = problem.null(&order);
-    let wanted = k.saturating_sub(null.count);
     let solver = Solver {
         problem,
         factorizer: &factorizer,
         order: &order,
-        null: &null,
-        pool: &Pool::new(problem.n(), wanted / slice_count(problem.n(), wanted)),
+        null: &problem.null(&order),
+        pool: &pool,
         k,
         options,
         hooks,
@@ -94,6 +106,13 @@ fn check(problem: &Problem<'_>, k: usize, options: &Options) -> Result<(), Eigen
     Ok(())
 }
 
+/// Whether Lanczos is to be tried.
+fn is_sparse(n: usize, wanted: usize, options: &Options) -> bool {
+    let krylov = WIDTH * expected_blocks(n, wanted, true);
+    // Measured at 1,093 vertices and 300 pairs: the dense solver takes three times as long.
+    n > options.dense_limit && 4 * krylov <= 3 * n
+}
+
 struct Solver<'a> {
     problem: &'a Problem<'a>,
     factorizer: &'a Factorizer,
@@ -112,10 +131,7 @@ impl<'a> Solver<'a> {
     }
 
     fn attempts(&self) -> Result<Eigenpairs, EigenError> {
-        let n = self.problem.n();
-        let krylov = WIDTH * expected_blocks(n, self.wanted(), true);
-        // Measured at 1,093 vertices and 300 pairs: the dense solver takes three times as long.
-        if n <= self.options.dense_limit || 4 * krylov > 3 * n {
+        if !is_sparse(self.problem.n(), self.wanted(), self.options) {
             return self.certified(self.dense()?, Method::Dense, 0);
         }
         let mut attempt = Attempt { number: 0, restarts: 0 };
