@@ -29,8 +29,8 @@ pub(super) struct Spectrum<'a> {
 pub(super) struct Union<'a> {
     pub vectors: Vectors<'a>,
     pub cut: f64,
-    /// Eigenvalues below the cut by inertia, null space included.
-    pub expected: usize,
+    /// Relative width of the gap that the cut is in.
+    pub gap: f64,
     /// Whether there is no eigenvalue above the cut.
     pub last: bool,
 }
@@ -80,7 +80,7 @@ pub(super) fn union<'a>(spectrum: &Spectrum<'a>, attempt: Attempt) -> Result<Uni
         run_slice(spectrum, &slices, count - 1 - task, attempt, &step)
     })?;
     spectrum.pool.clear();
-    join(spectrum, found.into_iter().rev().collect::<Result<_, _>>()?)
+    join(found.into_iter().rev().collect::<Result<_, _>>()?, spectrum.null.count)
 }
 
 /// Windows of as many eigenvalues each, by Weyl's law as the count at the uppermost shift corrects it, and a shift in each.
@@ -155,10 +155,10 @@ fn run_slice<'a>(
     Ok(Found { vectors: found.vectors.settle()?, ..found })
 }
 
-/// Joins neighbours at the lower one's cut, and counts below the uppermost cut.
-fn join<'a>(spectrum: &Spectrum<'a>, found: Vec<Found<'a>>) -> Result<Union<'a>, EigenError> {
+/// Joins neighbours at the lower one's cut.
+fn join(found: Vec<Found<'_>>, null: usize) -> Result<Union<'_>, EigenError> {
     let (cut, gap) = found.last().map_or((0.0, 0.0), |f| (f.cut, f.gap));
-    let mut values: Vec<f64> = Vec::with_capacity(spectrum.wanted + 16);
+    let mut values: Vec<f64> = Vec::new();
     let mut stores = Vec::new();
     let mut from = 0.0;
     for slice in found {
@@ -171,7 +171,6 @@ fn join<'a>(spectrum: &Spectrum<'a>, found: Vec<Found<'a>>) -> Result<Union<'a>,
         // The shift has its own count: what is missing or double is noticed where it happens.
         let below = values.iter().filter(|v| **v < slice.shift).count();
         if below != slice.count_below {
-            let null = spectrum.null.count;
             return Err(EigenError::NotCertified {
                 expected: slice.count_below + null,
                 found: below + null,
@@ -180,7 +179,5 @@ fn join<'a>(spectrum: &Spectrum<'a>, found: Vec<Found<'a>>) -> Result<Union<'a>,
         }
         from = slice.cut;
     }
-    enter(spectrum.hooks, Phase::Count)?;
-    let expected = spectrum.factorizer.count_below(cut, gap)?;
-    Ok(Union { vectors: Vectors::new(stores)?, cut, expected, last: false })
+    Ok(Union { vectors: Vectors::new(stores)?, cut, gap, last: false })
 }

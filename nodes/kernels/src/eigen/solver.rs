@@ -1,7 +1,7 @@
 //! From a problem to certified pairs: the method, the attempts, the certificate.
 
 use super::basis::Null;
-use super::certify::{Columns, UNCERTIFIED};
+use super::certify::{Columns, Findings, UNCERTIFIED};
 use super::cut::place_cut;
 use super::dense::{lifted, orthonormalise, refine, symmetric_eigen};
 use super::factor::Factorizer;
@@ -189,27 +189,20 @@ impl<'a> Solver<'a> {
                 y = refine(self.problem, &factor, self.order, &y)?.ok_or(UNCERTIFIED)?;
             }
         }
-        let expected = self.factorizer.count_below(cut.value, cut.width)?;
         let vectors = Vectors::with(self.pool, n, &values[..cut.position], |i, j| y[(self.order[i] as usize, j)])?;
-        Ok(Union { vectors, cut: cut.value, expected, last: cut.position == available })
+        Ok(Union { vectors, cut: cut.value, gap: cut.width, last: cut.position == available })
     }
 
     fn certified(&self, union: Union<'_>, method: Method, rounds: usize) -> Result<Eigenpairs, EigenError> {
-        let Union { mut vectors, cut, expected, last } = union;
+        let Union { vectors, cut, gap, last } = union;
         let found = self.null.count + vectors.len();
         let columns = Columns::new(self.problem, self.null, self.order, self.hooks);
-        enter(self.hooks, Phase::Certify)?;
-        columns.polish(&mut vectors, self.options.tolerance, || {
-            enter(self.hooks, Phase::Factorise)?;
-            self.factorizer.factor(BELOW)
-        })?;
-        enter(self.hooks, Phase::Certify)?;
-        let orthogonality = columns.orthogonalise(&mut vectors)?;
-        // All that were found: only the final values tell which are wanted.
-        let (n, null) = (self.problem.n(), self.null.count.min(self.k));
-        let mut target = self.pool.take_back().unwrap_or_default();
-        target.resize(n * (null + vectors.len()), 0.0);
-        let findings = columns.examine(vectors, self.wanted(), self.options.tolerance, &mut target[n * null..])?;
+        let count = || {
+            enter(self.hooks, Phase::Count)?;
+            self.factorizer.count_below(cut, gap)
+        };
+        let (expected, examined) = both(self.hooks, count, || self.examined(&columns, vectors))?;
+        let (expected, (target, findings, orthogonality)) = (expected?, examined?);
         let uncertified = EigenError::NotCertified { expected, found, residual: findings.residual };
         // Final values, not those that the cut was placed by: each pair then stands for an eigenvalue of its own below the cut.
         let below = findings.values.last().is_none_or(|last| *last < cut);
@@ -227,6 +220,27 @@ impl<'a> Solver<'a> {
             gap_above: self.gap_above(&findings.values, cut, last),
         };
         Ok(self.finish(target, &findings.values, certificate))
+    }
+
+    /// The vectors with room for the null space before them, what examining them found, and the largest entry of |Y' Y - I|.
+    fn examined(
+        &self,
+        columns: &Columns<'_>,
+        mut vectors: Vectors<'_>,
+    ) -> Result<(Vec<f64>, Findings, f64), EigenError> {
+        enter(self.hooks, Phase::Certify)?;
+        columns.polish(&mut vectors, self.options.tolerance, || {
+            enter(self.hooks, Phase::Factorise)?;
+            self.factorizer.factor(BELOW)
+        })?;
+        enter(self.hooks, Phase::Certify)?;
+        let orthogonality = columns.orthogonalise(&mut vectors)?;
+        // All that were found: only the final values tell which are wanted.
+        let (n, null) = (self.problem.n(), self.null.count.min(self.k));
+        let mut target = self.pool.take_back().unwrap_or_default();
+        target.resize(n * (null + vectors.len()), 0.0);
+        let findings = columns.examine(vectors, self.wanted(), self.options.tolerance, &mut target[n * null..])?;
+        Ok((target, findings, orthogonality))
     }
 
     /// From the last pair asked for to the next, relative to that.
