@@ -40,6 +40,7 @@ pub trait Hooks: Sync {
         false
     }
     /// Runs `task(0)` to `task(count - 1)`, each once, in any order and on any threads, and returns when all are done. Results do not depend on how.
+    /// Tasks may call it themselves: threads that are at work already had better not be counted on then.
     fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
         (0..count).for_each(task);
     }
