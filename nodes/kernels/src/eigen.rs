@@ -24,6 +24,7 @@ mod slices;
 mod solver;
 mod spare;
 mod tiles;
+mod tree;
 mod vectors;
 
 use crate::laplacian::Operator;

@@ -137,7 +137,7 @@ impl<'a> Columns<'a> {
             enter(self.hooks, Phase::Certify)?;
             let mut correction = self.problem.residual_rows(&quality.values, v, self.order);
             self.spare.give(memory);
-            factor.solve(&mut correction);
+            factor.solve(self.hooks, &mut correction)?;
             vectors.correct(p, &correction, &quality.values);
         }
         Ok(())

@@ -76,6 +76,7 @@ pub(super) struct Found<'a> {
 
 struct Krylov<'r, 'a> {
     run: &'r Run<'r, 'a>,
+    hooks: &'a dyn Hooks,
     basis: Basis<'a>,
     recurrence: Recurrence,
     departure: Departure,
@@ -96,7 +97,7 @@ pub(super) fn lanczos<'a>(run: &Run<'_, 'a>, hooks: &'a dyn Hooks, step: &dyn Fn
         if blocks >= limit {
             return Err(EigenError::Exhausted);
         }
-        krylov.extend(false, hooks)?;
+        krylov.extend(false)?;
         step();
         if krylov.recurrence.diagonal.len() < krylov.next_check {
             continue;
@@ -108,11 +109,11 @@ pub(super) fn lanczos<'a>(run: &Run<'_, 'a>, hooks: &'a dyn Hooks, step: &dyn Fn
                 enter(hooks, Phase::Vectors)?;
                 return krylov.found(&projected, &chosen);
             }
-            Verdict::Done(_) | Verdict::Short => krylov.extend(true, hooks)?,
+            Verdict::Done(_) | Verdict::Short => krylov.extend(true)?,
             Verdict::NotYet(off) if off <= 1.0 && stalled == STALLED => {
                 // Copies of a multiple eigenvalue keep turning up where the gap should be.
                 stalled = 0;
-                krylov.extend(true, hooks)?;
+                krylov.extend(true)?;
             }
             Verdict::NotYet(off) => {
                 stalled = if off <= 1.0 { stalled + 1 } else { 0 };
@@ -147,6 +148,7 @@ impl<'r, 'a> Krylov<'r, 'a> {
         let first_check = expected_blocks(run.n, run.reach.expected, run.reach.is_lowest());
         let mut krylov = Self {
             run,
+            hooks,
             basis: Basis::new(run.pool, run.null, hooks)?,
             recurrence: Recurrence::default(),
             departure: Departure::default(),
@@ -160,11 +162,11 @@ impl<'r, 'a> Krylov<'r, 'a> {
 
     /// One step of the recurrence: B times the last panel, orthonormalised against everything known, becomes the next one; or a fresh
     /// block does, if that is wanted or nothing is left.
-    fn extend(&mut self, fresh: bool, hooks: &dyn Hooks) -> Result<(), EigenError> {
+    fn extend(&mut self, fresh: bool) -> Result<(), EigenError> {
         let last = self.basis.count() - 1;
-        enter(hooks, Phase::Solve)?;
-        self.run.factor.solve(self.basis.work(self.run.n));
-        enter(hooks, Phase::Orthogonalise)?;
+        enter(self.hooks, Phase::Solve)?;
+        self.run.factor.solve(self.hooks, self.basis.work(self.run.n))?;
+        enter(self.hooks, Phase::Orthogonalise)?;
         let before = (last > 0).then(|| transposed(&self.recurrence.below[last - 1]));
         let diagonal = symmetrised(&self.basis.diagonal()?);
         let near = self.basis.recur(&diagonal, before.as_ref())?;
@@ -262,7 +264,7 @@ impl<'r, 'a> Krylov<'r, 'a> {
             }
             if smooth {
                 // One step of B: the start is smooth, as the wanted vectors are.
-                self.run.factor.solve(self.basis.work(self.run.n));
+                self.run.factor.solve(self.hooks, self.basis.work(self.run.n))?;
             }
             let mut gram = ZERO;
             for _ in 0..2 {

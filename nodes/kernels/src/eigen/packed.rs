@@ -1,20 +1,23 @@
 //! A supernodal factor laid out for solves with a whole panel: rows of L contiguous, one pass over L for eight right-hand sides.
 
-use super::panel::Row;
+use super::panel::{Row, WIDTH};
+use super::parts::{each, locked};
 use super::spare::Spare;
 use super::tiles::{parts, registers_mut};
+use super::tree::{Segment, Tree};
+use super::{EigenError, Hooks};
 use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
 use pulp::{Arch, Simd, WithSimd};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 /// L and D^-1 of an LDL' factorisation, in elimination order.
 pub(crate) struct Packed {
     /// First column of each supernode, then n.
     columns: Vec<u32>,
-    /// Where the rows below each supernode begin in `rows`, and its entries in `values`.
+    /// Where the rows below each supernode begin in the tree's, and its entries in `values`.
     row_starts: Vec<usize>,
     value_starts: Vec<usize>,
-    rows: Vec<u32>,
+    tree: Tree,
     /// Per supernode: its unit lower triangle as a full square, then the rows below, row by row.
     values: Vec<f64>,
     inverse_pivots: Vec<f64>,
@@ -57,26 +60,26 @@ impl Packed {
             }
         }
         columns.push(symbolic.nrows() as u32);
-        Self { columns, row_starts, value_starts, rows, values, inverse_pivots, spare: Arc::clone(spare) }
+        let tree = Tree::new(&columns, &row_starts, rows);
+        Self { columns, row_starts, value_starts, tree, values, inverse_pivots, spare: Arc::clone(spare) }
     }
 
     /// The same of a factor without supernodes, which small or very sparse matrices have: each column its pivot, then the entries below.
     pub fn of_columns(starts: &[usize], rows: &[usize], values: Vec<f64>, spare: &Arc<Spare<Vec<f64>>>) -> Self {
         let n = starts.len() - 1;
-        let mut packed = Self {
-            columns: (0..=n as u32).collect(),
-            row_starts: vec![0],
+        let columns: Vec<u32> = (0..=n as u32).collect();
+        // Without the diagonal.
+        let row_starts: Vec<usize> = starts.iter().enumerate().map(|(j, start)| start - j).collect();
+        let below = starts.windows(2).flat_map(|column| &rows[column[0] + 1..column[1]]);
+        Self {
+            tree: Tree::new(&columns, &row_starts, below.map(|&r| r as u32).collect()),
+            columns,
+            row_starts,
             value_starts: starts.to_vec(),
-            rows: Vec::with_capacity(rows.len()),
             inverse_pivots: starts[..n].iter().map(|&start| 1.0 / values[start]).collect(),
             values,
             spare: Arc::clone(spare),
-        };
-        for column in starts.windows(2) {
-            packed.rows.extend(rows[column[0] + 1..column[1]].iter().map(|&r| r as u32));
-            packed.row_starts.push(packed.rows.len());
         }
-        packed
     }
 
     /// The number of negative pivots.
@@ -89,38 +92,102 @@ impl Packed {
         self.inverse_pivots.iter().all(|p| p.is_finite() && *p != 0.0)
     }
 
-    /// x <- (L D L')^-1 x.
-    pub fn solve(&self, x: &mut [Row]) {
-        Arch::new().dispatch(Forward { packed: self, x: &mut *x });
-        Arch::new().dispatch(Backward { packed: self, x });
+    /// x <- (L D L')^-1 x, on the threads that the hooks lend: groups of subtrees, then what is above them, then the groups again.
+    pub fn solve(&self, hooks: &dyn Hooks, x: &mut [Row]) -> Result<(), EigenError> {
+        let Tree { groups, segments, .. } = &self.tree;
+        if *groups == 0 {
+            self.solve_top(segments.iter(), x);
+            return Ok(());
+        }
+        let (parts, mut above) = self.deal(x);
+        let mut top: Vec<Row> = above.iter().flat_map(|(_, rows)| rows.iter().copied()).collect();
+        each(hooks, *groups, &|group| {
+            let part = &mut *locked(&parts[group]);
+            part.top = vec![[0.0; WIDTH]; top.len()];
+            for (segment, x) in &mut part.segments {
+                Arch::new().dispatch(Forward { packed: self, segment, x, top: &mut part.top });
+            }
+        })?;
+        for part in &parts {
+            let sums = top.as_flattened_mut().iter_mut();
+            sums.zip(locked(part).top.as_flattened()).for_each(|(sum, x)| *sum += x);
+        }
+        self.solve_top(above.iter().map(|(segment, _)| *segment), &mut top);
+        each(hooks, *groups, &|group| {
+            let part = &mut *locked(&parts[group]);
+            part.top.copy_from_slice(&top);
+            for (segment, x) in part.segments.iter_mut().rev() {
+                Arch::new().dispatch(Backward { packed: self, segment, x, top: &mut part.top });
+            }
+        })?;
+        for (segment, rows) in &mut above {
+            rows.copy_from_slice(&top[segment.place..][..rows.len()]);
+        }
+        Ok(())
     }
 
-    /// The supernode's rows of x, those after it, and its parts of the factor: square, rows below, their entries.
-    #[inline(always)]
-    fn split<'a, T>(&'a self, s: usize, parts: usize, x: &'a mut [T]) -> Node<'a, T> {
-        let (begin, end) = (self.columns[s] as usize, self.columns[s + 1] as usize);
-        let width = end - begin;
-        let (head, after) = x.split_at_mut(end * parts);
-        let values = &self.values[self.value_starts[s]..self.value_starts[s + 1]];
-        let (square, below) = values.split_at(width * width);
-        let rows = &self.rows[self.row_starts[s]..self.row_starts[s + 1]];
-        Node {
-            width,
-            end,
-            own: &mut head[begin * parts..],
-            after,
-            square,
-            below,
-            rows,
-            pivots: &self.inverse_pivots[begin..end],
+    /// The rows of x that belong to each group, and those of the top.
+    fn deal<'a>(&'a self, mut x: &'a mut [Row]) -> (Vec<Mutex<Part<'a>>>, Vec<Piece<'a>>) {
+        let mut pieces: Vec<Vec<Piece<'_>>> = (0..=self.tree.groups).map(|_| Vec::new()).collect();
+        for segment in &self.tree.segments {
+            let (rows, rest) = x.split_at_mut(segment.columns.len());
+            pieces[segment.owner].push((segment, rows));
+            x = rest;
+        }
+        let top = pieces.pop().unwrap_or_default();
+        (pieces.into_iter().map(|segments| Mutex::new(Part { segments, top: Vec::new() })).collect(), top)
+    }
+
+    /// Solves for x, the rows of the top.
+    fn solve_top<'a>(&self, segments: impl DoubleEndedIterator<Item = &'a Segment> + Clone, x: &mut [Row]) {
+        for segment in segments.clone() {
+            Arch::new().dispatch(Forward { packed: self, segment, x: &mut *x, top: &mut [] });
+        }
+        for segment in segments.rev() {
+            Arch::new().dispatch(Backward { packed: self, segment, x: &mut *x, top: &mut [] });
         }
     }
+
+    /// The supernode's rows of x and its parts of the factor, for x and the top as its segment has them.
+    #[inline(always)]
+    fn node<'a, T>(&'a self, s: usize, at: &Segment, parts: usize, x: &'a mut [T], top: &'a mut [T]) -> Node<'a, T> {
+        let (begin, end) = (self.columns[s] as usize, self.columns[s + 1] as usize);
+        let width = end - begin;
+        let pivots = &self.inverse_pivots[begin..end];
+        let begin = begin - at.columns.start + at.place;
+        let (head, after) = x.split_at_mut((begin + width) * parts);
+        let values = &self.values[self.value_starts[s]..self.value_starts[s + 1]];
+        let (square, below) = values.split_at(width * width);
+        let rows = &self.tree.rows[self.row_starts[s]..self.row_starts[s + 1]];
+        let (near, far) = rows.split_at(self.tree.inner(s, rows.len()));
+        let (near_entries, far_entries) = below.split_at(near.len() * width);
+        Node {
+            width,
+            own: &mut head[begin * parts..],
+            square,
+            pivots,
+            near: Below { rows: near, entries: near_entries, x: after, begin: begin + width },
+            far: Below { rows: far, entries: far_entries, x: top, begin: 0 },
+        }
+    }
+}
+
+/// A segment and its rows of x.
+type Piece<'a> = (&'a Segment, &'a mut [Row]);
+
+/// What a group works on.
+struct Part<'a> {
+    segments: Vec<Piece<'a>>,
+    /// First what is to be added to the rows of the top, then these rows.
+    top: Vec<Row>,
 }
 
 /// x <- L^-1 x.
 struct Forward<'a> {
     packed: &'a Packed,
+    segment: &'a Segment,
     x: &'a mut [Row],
+    top: &'a mut [Row],
 }
 
 impl WithSimd for Forward<'_> {
@@ -128,9 +195,9 @@ impl WithSimd for Forward<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let x = registers_mut::<S>(self.x);
-        for s in 0..self.packed.columns.len() - 1 {
-            let mut node = self.packed.split(s, parts::<S>(), x);
+        let (x, top) = (registers_mut::<S>(self.x), registers_mut::<S>(self.top));
+        for s in self.segment.nodes.clone() {
+            let mut node = self.packed.node(s, self.segment, parts::<S>(), x, top);
             for part in 0..parts::<S>() {
                 node.forward(simd, part);
             }
@@ -141,7 +208,9 @@ impl WithSimd for Forward<'_> {
 /// x <- L'^-1 D^-1 x.
 struct Backward<'a> {
     packed: &'a Packed,
+    segment: &'a Segment,
     x: &'a mut [Row],
+    top: &'a mut [Row],
 }
 
 impl WithSimd for Backward<'_> {
@@ -149,9 +218,9 @@ impl WithSimd for Backward<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let x = registers_mut::<S>(self.x);
-        for s in (0..self.packed.columns.len() - 1).rev() {
-            let mut node = self.packed.split(s, parts::<S>(), x);
+        let (x, top) = (registers_mut::<S>(self.x), registers_mut::<S>(self.top));
+        for s in self.segment.nodes.clone().rev() {
+            let mut node = self.packed.node(s, self.segment, parts::<S>(), x, top);
             for part in 0..parts::<S>() {
                 node.backward(simd, part);
             }
@@ -162,13 +231,92 @@ impl WithSimd for Backward<'_> {
 /// A supernode, and x in registers, of which a row has several where they are short.
 struct Node<'a, T> {
     width: usize,
-    end: usize,
     own: &'a mut [T],
-    after: &'a mut [T],
     square: &'a [f64],
-    below: &'a [f64],
-    rows: &'a [u32],
     pivots: &'a [f64],
+    /// Rows of the segment.
+    near: Below<'a, T>,
+    /// Rows of the top, for a supernode that is not in it.
+    far: Below<'a, T>,
+}
+
+/// Rows below a supernode, its entries there, and x from row `begin` on.
+struct Below<'a, T> {
+    rows: &'a [u32],
+    entries: &'a [f64],
+    x: &'a mut [T],
+    begin: usize,
+}
+
+impl<T: Copy> Below<'_, T> {
+    /// Subtracts the columns from x.
+    #[inline(always)]
+    fn subtract<S: Simd<f64s = T>>(&mut self, simd: S, part: usize, own: &[T], width: usize) {
+        let (fours, rest) = self.rows.as_chunks::<4>();
+        let (twos, ones) = rest.as_chunks::<2>();
+        let mut entries = self.entries;
+        for rows in fours {
+            entries = self.scatter(simd, part, own, width, rows, entries);
+        }
+        for rows in twos {
+            entries = self.scatter(simd, part, own, width, rows, entries);
+        }
+        for &row in ones {
+            entries = self.scatter(simd, part, own, width, &[row], entries);
+        }
+    }
+
+    /// The same for R rows, in R sums that do not wait for each other. Returns the entries of the rows after those.
+    #[inline(always)]
+    fn scatter<'e, S: Simd<f64s = T>, const R: usize>(
+        &mut self,
+        simd: S,
+        part: usize,
+        own: &[T],
+        width: usize,
+        rows: &[u32; R],
+        entries: &'e [f64],
+    ) -> &'e [f64] {
+        let parts = parts::<S>();
+        let (now, later) = entries.split_at(R * width);
+        let l: [&[f64]; R] = std::array::from_fn(|r| &now[r * width..][..width]);
+        let at = rows.map(|row| (row as usize - self.begin) * parts + part);
+        let mut sums = at.map(|i| self.x[i]);
+        for (c, y) in own.chunks_exact(parts).enumerate().take(width) {
+            let y = simd.neg_f64s(y[part]);
+            for r in 0..R {
+                sums[r] = simd.mul_add_f64s(simd.splat_f64s(l[r][c]), y, sums[r]);
+            }
+        }
+        for r in 0..R {
+            self.x[at[r]] = sums[r];
+        }
+        later
+    }
+
+    /// Adds the products of C columns from `begin` on with x, U rows in flight so that sums do not wait for each other.
+    #[inline(always)]
+    fn add_products<S: Simd<f64s = T>, const C: usize, const U: usize>(
+        &self,
+        simd: S,
+        part: usize,
+        width: usize,
+        begin: usize,
+        sums: &mut [[T; C]; U],
+    ) {
+        let row = |row: u32| self.x[(row as usize - self.begin) * parts::<S>() + part];
+        // From the last row to the first, as supernodes go by: memory is then read in one direction.
+        let (groups, rest) = self.rows.as_chunks::<U>();
+        let (entries, last) = self.entries.split_at(groups.len() * U * width);
+        for (&r, l) in rest.iter().zip(last.chunks_exact(width)).rev() {
+            add_multiples(simd, &mut sums[0], &l[begin..], row(r));
+        }
+        for (group, now) in groups.iter().zip(entries.chunks_exact(U * width)).rev() {
+            for u in (0..U).rev() {
+                add_multiples(simd, &mut sums[u], &now[u * width + begin..], row(group[u]));
+            }
+        }
+    }
 }
 
 impl<T: Copy> Node<'_, T> {
@@ -183,17 +331,9 @@ impl<T: Copy> Node<'_, T> {
                 _ => self.eliminate::<S, 1>(simd, part, begin),
             };
         }
-        let (fours, rest) = self.rows.as_chunks::<4>();
-        let (twos, ones) = rest.as_chunks::<2>();
-        let mut entries = self.below;
-        for rows in fours {
-            entries = self.scatter(simd, part, rows, entries);
-        }
-        for rows in twos {
-            entries = self.scatter(simd, part, rows, entries);
-        }
-        for &row in ones {
-            entries = self.scatter(simd, part, &[row], entries);
+        self.near.subtract(simd, part, self.own, self.width);
+        if !self.far.rows.is_empty() {
+            self.far.subtract(simd, part, self.own, self.width);
         }
     }
 
@@ -222,32 +362,6 @@ impl<T: Copy> Node<'_, T> {
         R
     }
 
-    /// Subtracts the columns from R rows below, in R sums that do not wait for each other. Returns the entries of the rows after those.
-    #[inline(always)]
-    fn scatter<'e, S: Simd<f64s = T>, const R: usize>(
-        &mut self,
-        simd: S,
-        part: usize,
-        rows: &[u32; R],
-        entries: &'e [f64],
-    ) -> &'e [f64] {
-        let (parts, width) = (parts::<S>(), self.width);
-        let (now, later) = entries.split_at(R * width);
-        let l: [&[f64]; R] = std::array::from_fn(|r| &now[r * width..][..width]);
-        let at = rows.map(|row| (row as usize - self.end) * parts + part);
-        let mut sums = at.map(|i| self.after[i]);
-        for (c, y) in self.own.chunks_exact(parts).enumerate().take(width) {
-            let y = simd.neg_f64s(y[part]);
-            for r in 0..R {
-                sums[r] = simd.mul_add_f64s(simd.splat_f64s(l[r][c]), y, sums[r]);
-            }
-        }
-        for r in 0..R {
-            self.after[at[r]] = sums[r];
-        }
-        later
-    }
-
     #[inline(always)]
     fn backward<S: Simd<f64s = T>>(&mut self, simd: S, part: usize) {
         for (y, p) in self.own.chunks_exact_mut(parts::<S>()).zip(self.pivots) {
@@ -264,24 +378,15 @@ impl<T: Copy> Node<'_, T> {
         }
     }
 
-    /// Solves for C columns before `end`, once those after are known: C products for each row loaded, U rows in flight so that sums do not wait for
-    /// each other. Returns C.
+    /// Solves for C columns before `end`, once those after are known: C products for each row loaded, of which U are in flight. Returns C.
     #[inline(always)]
     fn gather<S: Simd<f64s = T>, const C: usize, const U: usize>(&mut self, simd: S, part: usize, end: usize) -> usize {
         let (parts, width, begin) = (parts::<S>(), self.width, end - C);
-        let row = |row: u32| self.after[(row as usize - self.end) * parts + part];
         let mut sums = [[simd.splat_f64s(0.0); C]; U];
-        // From the last row to the first, as supernodes go by: memory is then read in one direction.
-        let (groups, rest) = self.rows.as_chunks::<U>();
-        let (entries, last) = self.below.split_at(groups.len() * U * width);
-        for (&r, l) in rest.iter().zip(last.chunks_exact(width)).rev() {
-            add_multiples(simd, &mut sums[0], &l[begin..], row(r));
+        if !self.far.rows.is_empty() {
+            self.far.add_products(simd, part, width, begin, &mut sums);
         }
-        for (group, now) in groups.iter().zip(entries.chunks_exact(U * width)).rev() {
-            for u in (0..U).rev() {
-                add_multiples(simd, &mut sums[u], &now[u * width + begin..], row(group[u]));
-            }
-        }
+        self.near.add_products(simd, part, width, begin, &mut sums);
         let known = self.own[end * parts..].chunks_exact(parts).zip(self.square[end * width..].chunks_exact(width));
         for (y, l) in known.rev() {
             add_multiples(simd, &mut sums[0], &l[begin..], y[part]);
@@ -331,8 +436,9 @@ mod tests {
 
     fn solved<S: Simd>(simd: S, packed: &Packed, right: &[Row]) -> Vec<Row> {
         let mut x = right.to_vec();
-        Forward { packed, x: &mut x }.with_simd(simd);
-        Backward { packed, x: &mut x }.with_simd(simd);
+        let segment = &packed.tree.segments[0];
+        Forward { packed, segment, x: &mut x, top: &mut [] }.with_simd(simd);
+        Backward { packed, segment, x: &mut x, top: &mut [] }.with_simd(simd);
         x
     }
 
@@ -349,7 +455,7 @@ mod tests {
         let mut random = Random::from_state(7);
         let right: Vec<Row> = order.iter().map(|_| std::array::from_fn(|_| random.signed())).collect();
         let mut x = right.clone();
-        packed.solve(&mut x);
+        packed.solve(&(), &mut x).expect("not cancelled");
         let mut place = vec![0; order.len()];
         order.iter().enumerate().for_each(|(i, &vertex)| place[vertex as usize] = i);
         let largest = x.as_flattened().iter().fold(0.0f64, |m, x| m.max(x.abs()));
@@ -363,5 +469,35 @@ mod tests {
         }
         assert!(solved(pulp::Scalar512b, &packed, &right) == x && solved(pulp::Scalar256b, &packed, &right) == x);
         assert!(solved(pulp::Scalar, &packed, &right) == x);
+        in_groups_the_solution_is_the_same(packed, &right, &x);
+    }
+
+    /// Runs tasks from the last to the first.
+    struct Backwards;
+
+    impl Hooks for Backwards {
+        fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
+            (0..count).rev().for_each(task);
+        }
+    }
+
+    fn in_groups_the_solution_is_the_same(mut packed: Packed, right: &[Row], whole: &[Row]) {
+        assert_eq!(packed.tree.groups, 0);
+        let rows = packed.tree.rows.clone();
+        let largest = whole.as_flattened().iter().fold(0.0f64, |m, x| m.max(x.abs()));
+        for groups in 2..5 {
+            packed.tree = Tree::with_groups(&packed.columns, &packed.row_starts, rows.clone(), groups);
+            let owned = |group: usize| packed.tree.segments.iter().filter(move |segment| segment.owner == group);
+            let columns = |group: usize| owned(group).map(|segment| segment.columns.len()).sum::<usize>();
+            assert!((0..groups).all(|group| columns(group) > right.len() / (2 * groups)), "groups of like size");
+            assert!((1..right.len() / 3).contains(&columns(groups)), "a small top");
+            let [mut x, mut y] = [right.to_vec(), right.to_vec()];
+            packed.solve(&(), &mut x).expect("not cancelled");
+            packed.solve(&Backwards, &mut y).expect("not cancelled");
+            assert!(x == y);
+            for (x, y) in x.as_flattened().iter().zip(whole.as_flattened()) {
+                assert!((x - y).abs() < 1e-11 * largest, "{groups} groups: {x} {y}");
+            }
+        }
     }
 }
