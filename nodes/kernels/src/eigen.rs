@@ -23,6 +23,7 @@ mod reach;
 mod slices;
 mod solver;
 mod spare;
+mod supernode;
 mod tiles;
 mod tree;
 mod vectors;

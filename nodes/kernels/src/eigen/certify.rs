@@ -51,13 +51,14 @@ impl<'a> Columns<'a> {
     }
 
     /// Computes Rayleigh quotients and residuals, and writes the vectors to the target, which has room for all of them: by vertex in the caller's units with their
-    /// signs, column after column, ascending by Rayleigh quotient.
+    /// signs, column after column, ascending by Rayleigh quotient. What is to be done `aside` is a task like each panel, the first and largest.
     pub fn examine(
         &self,
         vectors: Vectors<'_>,
         wanted: usize,
         tolerance: f64,
         target: &mut [f64],
+        aside: &(dyn Fn() + Sync),
     ) -> Result<Findings, EigenError> {
         let (n, places, guesses) = (self.order.len(), vectors.places(), vectors.values().to_vec());
         let mut slots: Vec<Vec<Target<'_>>> = guesses.iter().map(|_| Vec::new()).collect();
@@ -68,15 +69,19 @@ impl<'a> Columns<'a> {
         let mut results: Vec<Quality> = Vec::with_capacity(guesses.len());
         for store in vectors.into_stores() {
             let (begin, panels) = (results.len(), store.all());
-            let examined = self.map(panels.len(), &|p| {
+            let examined = self.map(1 + panels.len(), &|task| {
+                let Some(p) = task.checked_sub(1) else {
+                    aside();
+                    return Ok(None);
+                };
                 let memory = self.by_vertex(panels[p])?;
                 let v = memory.as_slice();
                 let quality = self.problem.examine(v, &guesses[begin + p], tolerance);
                 self.write(v, &quality, &mut locked(&slots[begin + p]));
                 self.spare.give(memory);
-                Ok(quality)
+                Ok(Some(quality))
             })?;
-            results.extend(examined.into_iter().collect::<Result<Vec<_>, EigenError>>()?);
+            results.extend(examined.into_iter().collect::<Result<Vec<_>, EigenError>>()?.into_iter().flatten());
             // Memory is short while results are written.
             store.release();
         }
@@ -361,7 +366,7 @@ mod tests {
         let mut polished = noisy();
         columns.polish(&mut polished, 1e-8, || factorizer.factor(-12.0)).expect("not cancelled");
         let [before, after] = [noisy(), polished]
-            .map(|vectors| columns.examine(vectors, 24, 1e-8, &mut vec![0.0; 24 * n]).expect("not cancelled"));
+            .map(|vectors| columns.examine(vectors, 24, 1e-8, &mut vec![0.0; 24 * n], &|| ()).expect("not cancelled"));
         assert!(
             before.residual > 1e-6 && after.residual < 0.05 * before.residual,
             "{} {}",

@@ -3,6 +3,7 @@
 use super::panel::{Row, WIDTH};
 use super::parts::{each, locked};
 use super::spare::Spare;
+use super::supernode::{Below, Node};
 use super::tiles::{parts, registers_mut};
 use super::tree::{Segment, Tree};
 use super::{EigenError, Hooks};
@@ -22,6 +23,8 @@ pub(crate) struct Packed {
     values: Vec<f64>,
     inverse_pivots: Vec<f64>,
     spare: Arc<Spare<Vec<f64>>>,
+    /// Memory for rows of the top.
+    tops: Spare<Vec<Row>>,
 }
 
 impl Drop for Packed {
@@ -61,7 +64,16 @@ impl Packed {
         }
         columns.push(symbolic.nrows() as u32);
         let tree = Tree::new(&columns, &row_starts, rows);
-        Self { columns, row_starts, value_starts, tree, values, inverse_pivots, spare: Arc::clone(spare) }
+        Self {
+            columns,
+            row_starts,
+            value_starts,
+            tree,
+            values,
+            inverse_pivots,
+            spare: Arc::clone(spare),
+            tops: Spare::new(),
+        }
     }
 
     /// The same of a factor without supernodes, which small or very sparse matrices have: each column its pivot, then the entries below.
@@ -79,6 +91,7 @@ impl Packed {
             inverse_pivots: starts[..n].iter().map(|&start| 1.0 / values[start]).collect(),
             values,
             spare: Arc::clone(spare),
+            tops: Spare::new(),
         }
     }
 
@@ -99,43 +112,54 @@ impl Packed {
             self.solve_top(segments.iter(), x);
             return Ok(());
         }
-        let (parts, mut above) = self.deal(x);
-        let mut top: Vec<Row> = above.iter().flat_map(|(_, rows)| rows.iter().copied()).collect();
+        let mut pieces = self.deal(x);
+        let mut above = pieces.pop().unwrap_or_default();
+        let count: usize = above.iter().map(|(_, rows)| rows.len()).sum();
+        let mut memory = self.tops.take().unwrap_or_default();
+        memory.resize((groups + 1) * count, [0.0; WIDTH]);
+        let (top, tops) = memory.split_at_mut(count);
+        for (segment, rows) in &above {
+            top[segment.place..][..rows.len()].copy_from_slice(rows);
+        }
+        let parts = pieces.into_iter().zip(tops.chunks_mut(count));
+        let parts: Vec<_> = parts.map(|(segments, top)| Mutex::new(Part { segments, top })).collect();
         each(hooks, *groups, &|group| {
             let part = &mut *locked(&parts[group]);
-            part.top = vec![[0.0; WIDTH]; top.len()];
+            part.top.fill([0.0; WIDTH]);
             for (segment, x) in &mut part.segments {
-                Arch::new().dispatch(Forward { packed: self, segment, x, top: &mut part.top });
+                Arch::new().dispatch(Forward { packed: self, segment, x, top: part.top });
             }
         })?;
         for part in &parts {
             let sums = top.as_flattened_mut().iter_mut();
             sums.zip(locked(part).top.as_flattened()).for_each(|(sum, x)| *sum += x);
         }
-        self.solve_top(above.iter().map(|(segment, _)| *segment), &mut top);
-        each(hooks, *groups, &|group| {
-            let part = &mut *locked(&parts[group]);
-            part.top.copy_from_slice(&top);
+        self.solve_top(above.iter().map(|(segment, _)| *segment), top);
+        each(hooks, *groups, &|task| {
+            // What was worked on last is still in the cache.
+            let part = &mut *locked(&parts[groups - 1 - task]);
+            part.top.copy_from_slice(top);
             for (segment, x) in part.segments.iter_mut().rev() {
-                Arch::new().dispatch(Backward { packed: self, segment, x, top: &mut part.top });
+                Arch::new().dispatch(Backward { packed: self, segment, x, top: part.top });
             }
         })?;
+        drop(parts);
         for (segment, rows) in &mut above {
             rows.copy_from_slice(&top[segment.place..][..rows.len()]);
         }
+        self.tops.give(memory);
         Ok(())
     }
 
     /// The rows of x that belong to each group, and those of the top.
-    fn deal<'a>(&'a self, mut x: &'a mut [Row]) -> (Vec<Mutex<Part<'a>>>, Vec<Piece<'a>>) {
+    fn deal<'a>(&'a self, mut x: &'a mut [Row]) -> Vec<Vec<Piece<'a>>> {
         let mut pieces: Vec<Vec<Piece<'_>>> = (0..=self.tree.groups).map(|_| Vec::new()).collect();
         for segment in &self.tree.segments {
             let (rows, rest) = x.split_at_mut(segment.columns.len());
             pieces[segment.owner].push((segment, rows));
             x = rest;
         }
-        let top = pieces.pop().unwrap_or_default();
-        (pieces.into_iter().map(|segments| Mutex::new(Part { segments, top: Vec::new() })).collect(), top)
+        pieces
     }
 
     /// Solves for x, the rows of the top.
@@ -179,7 +203,7 @@ type Piece<'a> = (&'a Segment, &'a mut [Row]);
 struct Part<'a> {
     segments: Vec<Piece<'a>>,
     /// First what is to be added to the rows of the top, then these rows.
-    top: Vec<Row>,
+    top: &'a mut [Row],
 }
 
 /// x <- L^-1 x.
@@ -225,195 +249,6 @@ impl WithSimd for Backward<'_> {
                 node.backward(simd, part);
             }
         }
-    }
-}
-
-/// A supernode, and x in registers, of which a row has several where they are short.
-struct Node<'a, T> {
-    width: usize,
-    own: &'a mut [T],
-    square: &'a [f64],
-    pivots: &'a [f64],
-    /// Rows of the segment.
-    near: Below<'a, T>,
-    /// Rows of the top, for a supernode that is not in it.
-    far: Below<'a, T>,
-}
-
-/// Rows below a supernode, its entries there, and x from row `begin` on.
-struct Below<'a, T> {
-    rows: &'a [u32],
-    entries: &'a [f64],
-    x: &'a mut [T],
-    begin: usize,
-}
-
-impl<T: Copy> Below<'_, T> {
-    /// Subtracts the columns from x.
-    #[inline(always)]
-    fn subtract<S: Simd<f64s = T>>(&mut self, simd: S, part: usize, own: &[T], width: usize) {
-        let (fours, rest) = self.rows.as_chunks::<4>();
-        let (twos, ones) = rest.as_chunks::<2>();
-        let mut entries = self.entries;
-        for rows in fours {
-            entries = self.scatter(simd, part, own, width, rows, entries);
-        }
-        for rows in twos {
-            entries = self.scatter(simd, part, own, width, rows, entries);
-        }
-        for &row in ones {
-            entries = self.scatter(simd, part, own, width, &[row], entries);
-        }
-    }
-
-    /// The same for R rows, in R sums that do not wait for each other. Returns the entries of the rows after those.
-    #[inline(always)]
-    fn scatter<'e, S: Simd<f64s = T>, const R: usize>(
-        &mut self,
-        simd: S,
-        part: usize,
-        own: &[T],
-        width: usize,
-        rows: &[u32; R],
-        entries: &'e [f64],
-    ) -> &'e [f64] {
-        let parts = parts::<S>();
-        let (now, later) = entries.split_at(R * width);
-        let l: [&[f64]; R] = std::array::from_fn(|r| &now[r * width..][..width]);
-        let at = rows.map(|row| (row as usize - self.begin) * parts + part);
-        let mut sums = at.map(|i| self.x[i]);
-        for (c, y) in own.chunks_exact(parts).enumerate().take(width) {
-            let y = simd.neg_f64s(y[part]);
-            for r in 0..R {
-                sums[r] = simd.mul_add_f64s(simd.splat_f64s(l[r][c]), y, sums[r]);
-            }
-        }
-        for r in 0..R {
-            self.x[at[r]] = sums[r];
-        }
-        later
-    }
-
-    /// Adds the products of C columns from `begin` on with x, U rows in flight so that sums do not wait for each other.
-    #[inline(always)]
-    fn add_products<S: Simd<f64s = T>, const C: usize, const U: usize>(
-        &self,
-        simd: S,
-        part: usize,
-        width: usize,
-        begin: usize,
-        sums: &mut [[T; C]; U],
-    ) {
-        let row = |row: u32| self.x[(row as usize - self.begin) * parts::<S>() + part];
-        // From the last row to the first, as supernodes go by: memory is then read in one direction.
-        let (groups, rest) = self.rows.as_chunks::<U>();
-        let (entries, last) = self.entries.split_at(groups.len() * U * width);
-        for (&r, l) in rest.iter().zip(last.chunks_exact(width)).rev() {
-            add_multiples(simd, &mut sums[0], &l[begin..], row(r));
-        }
-        for (group, now) in groups.iter().zip(entries.chunks_exact(U * width)).rev() {
-            for u in (0..U).rev() {
-                add_multiples(simd, &mut sums[u], &now[u * width + begin..], row(group[u]));
-            }
-        }
-    }
-}
-
-impl<T: Copy> Node<'_, T> {
-    #[inline(always)]
-    fn forward<S: Simd<f64s = T>>(&mut self, simd: S, part: usize) {
-        let mut begin = 0;
-        while begin < self.width {
-            begin += match self.width - begin {
-                8.. => self.eliminate::<S, 8>(simd, part, begin),
-                4.. => self.eliminate::<S, 4>(simd, part, begin),
-                2.. => self.eliminate::<S, 2>(simd, part, begin),
-                _ => self.eliminate::<S, 1>(simd, part, begin),
-            };
-        }
-        self.near.subtract(simd, part, self.own, self.width);
-        if !self.far.rows.is_empty() {
-            self.far.subtract(simd, part, self.own, self.width);
-        }
-    }
-
-    /// Solves for R rows of the triangle from `begin` on, once those before are known. Returns R.
-    #[inline(always)]
-    fn eliminate<S: Simd<f64s = T>, const R: usize>(&mut self, simd: S, part: usize, begin: usize) -> usize {
-        let (parts, width) = (parts::<S>(), self.width);
-        let l: [&[f64]; R] = std::array::from_fn(|r| &self.square[(begin + r) * width..][..begin + R]);
-        let (done, rest) = self.own.split_at_mut(begin * parts);
-        let mut sums: [T; R] = std::array::from_fn(|r| rest[r * parts + part]);
-        for (c, y) in done.chunks_exact(parts).enumerate() {
-            let y = simd.neg_f64s(y[part]);
-            for r in 0..R {
-                sums[r] = simd.mul_add_f64s(simd.splat_f64s(l[r][c]), y, sums[r]);
-            }
-        }
-        for c in 0..R {
-            let y = simd.neg_f64s(sums[c]);
-            for r in c + 1..R {
-                sums[r] = simd.mul_add_f64s(simd.splat_f64s(l[r][begin + c]), y, sums[r]);
-            }
-        }
-        for r in 0..R {
-            rest[r * parts + part] = sums[r];
-        }
-        R
-    }
-
-    #[inline(always)]
-    fn backward<S: Simd<f64s = T>>(&mut self, simd: S, part: usize) {
-        for (y, p) in self.own.chunks_exact_mut(parts::<S>()).zip(self.pivots) {
-            y[part] = simd.mul_f64s(y[part], simd.splat_f64s(*p));
-        }
-        let mut end = self.width;
-        while end > 0 {
-            end -= match end {
-                8.. => self.gather::<S, 8, 1>(simd, part, end),
-                4.. => self.gather::<S, 4, 2>(simd, part, end),
-                2.. => self.gather::<S, 2, 4>(simd, part, end),
-                _ => self.gather::<S, 1, 4>(simd, part, end),
-            };
-        }
-    }
-
-    /// Solves for C columns before `end`, once those after are known: C products for each row loaded, of which U are in flight. Returns C.
-    #[inline(always)]
-    fn gather<S: Simd<f64s = T>, const C: usize, const U: usize>(&mut self, simd: S, part: usize, end: usize) -> usize {
-        let (parts, width, begin) = (parts::<S>(), self.width, end - C);
-        let mut sums = [[simd.splat_f64s(0.0); C]; U];
-        if !self.far.rows.is_empty() {
-            self.far.add_products(simd, part, width, begin, &mut sums);
-        }
-        self.near.add_products(simd, part, width, begin, &mut sums);
-        let known = self.own[end * parts..].chunks_exact(parts).zip(self.square[end * width..].chunks_exact(width));
-        for (y, l) in known.rev() {
-            add_multiples(simd, &mut sums[0], &l[begin..], y[part]);
-        }
-        let mut own: [T; C] = std::array::from_fn(|c| {
-            let sum = (1..U).fold(sums[0][c], |sum, u| simd.add_f64s(sum, sums[u][c]));
-            simd.sub_f64s(self.own[(begin + c) * parts + part], sum)
-        });
-        for j in (0..C).rev() {
-            let (l, y) = (&self.square[(begin + j) * width + begin..][..C], simd.neg_f64s(own[j]));
-            for c in 0..j {
-                own[c] = simd.mul_add_f64s(simd.splat_f64s(l[c]), y, own[c]);
-            }
-        }
-        for c in 0..C {
-            self.own[(begin + c) * parts + part] = own[c];
-        }
-        C
-    }
-}
-
-/// sums + y l, for the first entries of l.
-#[inline(always)]
-fn add_multiples<S: Simd, const C: usize>(simd: S, sums: &mut [S::f64s; C], l: &[f64], y: S::f64s) {
-    let l = &l[..C];
-    for c in 0..C {
-        sums[c] = simd.mul_add_f64s(simd.splat_f64s(l[c]), y, sums[c]);
     }
 }
 
@@ -486,7 +321,7 @@ mod tests {
         let rows = packed.tree.rows.clone();
         let largest = whole.as_flattened().iter().fold(0.0f64, |m, x| m.max(x.abs()));
         for groups in 2..5 {
-            packed.tree = Tree::with_groups(&packed.columns, &packed.row_starts, rows.clone(), groups);
+            packed.tree = Tree::with_groups(&packed.columns, &packed.row_starts, &rows, groups);
             let owned = |group: usize| packed.tree.segments.iter().filter(move |segment| segment.owner == group);
             let columns = |group: usize| owned(group).map(|segment| segment.columns.len()).sum::<usize>();
             assert!((0..groups).all(|group| columns(group) > right.len() / (2 * groups)), "groups of like size");

@@ -43,8 +43,8 @@ impl Pool {
         self.lent.take()
     }
 
-    /// Touches memory for a sequence of so many panels, until the caller wants it no more: the first touch of a page takes longer than all that a step of
-    /// Lanczos does with it, so that is better done while there is nothing else to do for a second thread.
+    /// Touches memory for a sequence of at most so many panels, as long as the caller wants more: the first touch of a page takes longer than most of what
+    /// a step of Lanczos does with it, so that is better done while there is nothing else to do for a second thread.
     pub fn prepare(&self, panels: usize, wanted: impl Fn() -> bool) -> Result<(), EigenError> {
         let mut prepared = Panels::new(self);
         while prepared.count() < panels && wanted() {

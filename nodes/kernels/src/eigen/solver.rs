@@ -14,7 +14,8 @@ use super::slices::{Attempt, Spectrum, Union, slice_count, union};
 use super::vectors::Vectors;
 use super::{Certificate, EigenError, Eigenpairs, Hooks, Method, Options, Phase, enter};
 use std::f64::consts::PI;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// Accepted departure of V' S V from the identity.
 const ORTHOGONALITY: f64 = 1e-10;
@@ -41,14 +42,22 @@ pub(crate) fn solve(
     let slices = slice_count(n, wanted);
     let pool = Pool::new(n, wanted / slices);
     let sparse = is_sparse(n, wanted, options);
+    let ordered = AtomicBool::new(false);
+    let factorizer = || {
+        let factorizer = Factorizer::new(problem);
+        ordered.store(true, Ordering::Relaxed);
+        factorizer
+    };
     let prepare = || {
-        if !sparse {
+        // Several slices have work for other threads while they touch their memory.
+        if !sparse || slices > 1 {
             return Ok(());
         }
         pool.lend(vec![0.0; n * k]);
-        pool.prepare(1 + expected_blocks(n, wanted / slices, slices == 1), || !hooks.cancelled())
+        let idle = || !ordered.load(Ordering::Relaxed) && !hooks.cancelled();
+        pool.prepare(1 + expected_blocks(n, wanted, true), idle)
     };
-    let (factorizer, prepared) = both(hooks, || Factorizer::new(problem), prepare)?;
+    let (factorizer, prepared) = both(hooks, factorizer, prepare)?;
     prepared?;
     let factorizer = factorizer?;
     let order = factorizer.order();
@@ -197,12 +206,19 @@ impl<'a> Solver<'a> {
         let Union { vectors, cut, gap, last } = union;
         let found = self.null.count + vectors.len();
         let columns = Columns::new(self.problem, self.null, self.order, self.hooks);
+        let expected = OnceLock::new();
         let count = || {
-            enter(self.hooks, Phase::Count)?;
-            self.factorizer.count_below(cut, gap)
+            expected.get_or_init(|| {
+                enter(self.hooks, Phase::Count)?;
+                let expected = self.factorizer.count_below(cut, gap);
+                enter(self.hooks, Phase::Certify)?;
+                expected
+            });
         };
-        let (expected, examined) = both(self.hooks, count, || self.examined(&columns, vectors))?;
-        let (expected, (target, findings, orthogonality)) = (expected?, examined?);
+        let (target, findings, orthogonality) = self.examined(&columns, vectors, &count)?;
+        // Of no vectors there was nothing to examine.
+        count();
+        let expected = expected.into_inner().unwrap_or(Err(EigenError::Cancelled))?;
         let uncertified = EigenError::NotCertified { expected, found, residual: findings.residual };
         // Final values, not those that the cut was placed by: each pair then stands for an eigenvalue of its own below the cut.
         let below = findings.values.last().is_none_or(|last| *last < cut);
@@ -222,11 +238,13 @@ impl<'a> Solver<'a> {
         Ok(self.finish(target, &findings.values, certificate))
     }
 
-    /// The vectors with room for the null space before them, what examining them found, and the largest entry of |Y' Y - I|.
+    /// The vectors with room for the null space before them, what examining them found, and the largest entry of |Y' Y - I|. The count is made
+    /// meanwhile.
     fn examined(
         &self,
         columns: &Columns<'_>,
         mut vectors: Vectors<'_>,
+        count: &(dyn Fn() + Sync),
     ) -> Result<(Vec<f64>, Findings, f64), EigenError> {
         enter(self.hooks, Phase::Certify)?;
         columns.polish(&mut vectors, self.options.tolerance, || {
@@ -239,7 +257,8 @@ impl<'a> Solver<'a> {
         let (n, null) = (self.problem.n(), self.null.count.min(self.k));
         let mut target = self.pool.take_back().unwrap_or_default();
         target.resize(n * (null + vectors.len()), 0.0);
-        let findings = columns.examine(vectors, self.wanted(), self.options.tolerance, &mut target[n * null..])?;
+        let room = &mut target[n * null..];
+        let findings = columns.examine(vectors, self.wanted(), self.options.tolerance, room, count)?;
         Ok((target, findings, orthogonality))
     }
 

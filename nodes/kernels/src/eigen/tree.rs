@@ -51,8 +51,8 @@ impl Tree {
 
     /// The same with so many groups, however small.
     #[cfg(test)]
-    pub fn with_groups(columns: &[u32], row_starts: &[usize], rows: Vec<u32>, groups: usize) -> Self {
-        Self::in_groups(columns, row_starts, rows.clone(), &Subtrees::new(columns, row_starts, &rows), groups)
+    pub fn with_groups(columns: &[u32], row_starts: &[usize], rows: &[u32], groups: usize) -> Self {
+        Self::in_groups(columns, row_starts, rows.to_vec(), &Subtrees::new(columns, row_starts, rows), groups)
     }
 
     /// All is top.
