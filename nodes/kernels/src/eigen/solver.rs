@@ -15,7 +15,7 @@ use super::vectors::Vectors;
 use super::{Certificate, EigenError, Eigenpairs, Hooks, Method, Options, Phase, enter};
 use std::f64::consts::PI;
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Accepted departure of V' S V from the identity.
 const ORTHOGONALITY: f64 = 1e-10;
@@ -42,22 +42,15 @@ pub(crate) fn solve(
     let slices = slice_count(n, wanted);
     let pool = Pool::new(n, wanted / slices);
     let sparse = is_sparse(n, wanted, options);
-    let ordered = AtomicBool::new(false);
-    let factorizer = || {
-        let factorizer = Factorizer::new(problem);
-        ordered.store(true, Ordering::Relaxed);
-        factorizer
-    };
     let prepare = || {
         // Several slices have work for other threads while they touch their memory.
         if !sparse || slices > 1 {
             return Ok(());
         }
         pool.lend(vec![0.0; n * k]);
-        let idle = || !ordered.load(Ordering::Relaxed) && !hooks.cancelled();
-        pool.prepare(1 + expected_blocks(n, wanted, true), idle)
+        pool.prepare(1 + expected_blocks(n, wanted, true), || !hooks.cancelled())
     };
-    let (factorizer, prepared) = both(hooks, factorizer, prepare)?;
+    let (factorizer, prepared) = both(hooks, || Factorizer::new(problem), prepare)?;
     prepared?;
     let factorizer = factorizer?;
     let order = factorizer.order();
