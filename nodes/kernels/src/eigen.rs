@@ -16,6 +16,7 @@ mod gauge;
 mod lanczos;
 mod packed;
 mod panel;
+mod parts;
 mod pool;
 mod problem;
 mod projected;
@@ -24,7 +25,9 @@ mod reach;
 mod slices;
 mod solver;
 mod spare;
+mod supernode;
 mod tiles;
+mod tree;
 mod twisted;
 mod vectors;
 
@@ -42,6 +45,7 @@ pub trait Hooks: Sync {
         false
     }
     /// Runs `task(0)` to `task(count - 1)`, each once, in any order and on any threads, and returns when all are done. Results do not depend on how.
+    /// Tasks may call it themselves: threads that are at work already had better not be counted on then.
     fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
         (0..count).for_each(task);
     }

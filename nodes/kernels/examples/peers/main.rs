@@ -53,7 +53,7 @@ fn make(source: &str, levels: usize, out: &str) -> Result<(), Box<dyn Error>> {
 
 fn eigen(path: &str, k: usize, threads: usize, out: &str) -> Result<(), Box<dyn Error>> {
     let operator = files::read_operator(path)?;
-    let threads = Threads(threads);
+    let threads = Threads { idle: AtomicUsize::new(threads.saturating_sub(1)) };
     let (pairs, cost) = measured(|| Ok(eigenpairs(&operator, k, &Options::default(), &threads)?))?;
     files::write_pairs(out, &pairs)?;
     let certificate = &pairs.certificate;
@@ -61,14 +61,20 @@ fn eigen(path: &str, k: usize, threads: usize, out: &str) -> Result<(), Box<dyn 
     Ok(())
 }
 
-/// Lends the kernel so many threads.
-struct Threads(usize);
+/// Lends the kernel threads as long as there are idle ones.
+struct Threads {
+    idle: AtomicUsize,
+}
 
 impl Hooks for Threads {
     fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
-        if self.0 < 2 {
-            return (0..count).for_each(task);
-        }
+        let mut lent = 0;
+        let left = |idle: usize| {
+            lent = idle.min(count.saturating_sub(1));
+            Some(idle - lent)
+        };
+        // It cannot fail.
+        let _idle = self.idle.fetch_update(Ordering::Relaxed, Ordering::Relaxed, left);
         let next = AtomicUsize::new(0);
         let work = || {
             loop {
@@ -80,10 +86,9 @@ impl Hooks for Threads {
             }
         };
         std::thread::scope(|scope| {
-            for _ in 1..self.0 {
-                scope.spawn(work);
-            }
+            (0..lent).for_each(|_| drop(scope.spawn(work)));
             work();
         });
+        self.idle.fetch_add(lent, Ordering::Relaxed);
     }
 }

@@ -1,14 +1,15 @@
 //! The growing Krylov basis, and the passes over it.
 //!
 //! Passes go through the vertices in runs of [`RUN`], so that the eight vectors worked on stay in the cache while all panels go by; passes over
-//! many panels are bound by memory bandwidth.
+//! many panels are bound by memory bandwidth. Large passes are made in parts, on the threads that the hooks lend.
 
-use super::EigenError;
 use super::panel::{
-    Block, Row, Rows, WIDTH, ZERO, add_gram, multiply_right, norm, product, subtract_multiple, subtract_product,
+    Block, Row, Rows, WIDTH, ZERO, add, add_gram, multiply_right, norm, product, subtract_multiple, subtract_product,
 };
+use super::parts::Pass;
 use super::pool::{Panel, Panels, Pool, RUN, runs, runs_mut};
 use super::tiles::{replace_by_product, subtract_products};
+use super::{EigenError, Hooks};
 use crate::random::Random;
 use crate::simd::vectorised;
 use faer::MatRef;
@@ -69,11 +70,14 @@ pub(super) struct Basis<'a> {
     sketch: Rows,
     signs: Random,
     /// Ritz vectors along which products grow fastest: every new panel is made orthogonal to them.
-    locked: Panels<'a>,
+    locked: Rows,
+    pool: &'a Pool,
     null: &'a Null,
+    hooks: &'a dyn Hooks,
 }
 
 /// Products of the working panel w with what is nearest to it.
+#[derive(Clone)]
 pub(super) struct Near {
     /// With the last panel and the one before.
     pub last: [Block; 2],
@@ -109,6 +113,15 @@ impl Near {
         add_gram(&mut self.gram, w, w);
         add_gram(&mut self.sketch, sketch, w);
     }
+
+    /// The products over more rows.
+    fn join(&mut self, other: &Self) {
+        let blocks = self.last.iter_mut().chain(&mut self.locked).chain([&mut self.gram, &mut self.sketch]);
+        let others = other.last.iter().chain(&other.locked).chain([&other.gram, &other.sketch]);
+        blocks.zip(others).for_each(|(block, other)| add(block, other));
+        let null = self.null.as_flattened_mut().iter_mut();
+        null.zip(other.null.as_flattened()).for_each(|(x, y)| *x += y);
+    }
 }
 
 /// Products with the first panels, of the last panel and of w.
@@ -117,14 +130,16 @@ pub(super) struct Along {
 }
 
 impl<'a> Basis<'a> {
-    pub fn new(pool: &'a Pool, null: &'a Null) -> Result<Self, EigenError> {
+    pub fn new(pool: &'a Pool, null: &'a Null, hooks: &'a dyn Hooks) -> Result<Self, EigenError> {
         Ok(Self {
             panels: Panels::new(pool),
             work: pool.panels(1)?,
             sketch: pool.panels(1)?,
             signs: Random::from_state(SIGNS),
-            locked: Panels::new(pool),
+            locked: pool.panels(0)?,
+            pool,
             null,
+            hooks,
         })
     }
 
@@ -133,7 +148,7 @@ impl<'a> Basis<'a> {
     }
 
     pub fn is_locked(&self) -> bool {
-        self.locked.count() > 0
+        !runs(&self.locked).is_empty()
     }
 
     /// The first rows of the panel worked on.
@@ -141,81 +156,110 @@ impl<'a> Basis<'a> {
         &mut self.work.as_mut_slice()[..rows]
     }
 
+    /// A pass over all rows that costs as much as so many products of each with a block.
+    fn pass(&self, cost: usize) -> Pass<'a> {
+        Pass::new(self.hooks, runs(&self.work).len(), cost)
+    }
+
     /// V_j' w for the last panel j.
-    pub fn diagonal(&self) -> Block {
-        let mut diagonal = ZERO;
-        let newest = self.panels.newest();
-        vectorised(
-            #[inline(always)]
-            || {
-                for (v, w) in newest[0].iter().zip(runs(&self.work)) {
-                    add_gram(&mut diagonal, v, w);
-                }
-            },
-        );
-        diagonal
+    pub fn diagonal(&self) -> Result<Block, EigenError> {
+        let pass = self.pass(1);
+        let parts = self.panels.newest()[0].chunks(pass.share).zip(runs(&self.work).chunks(pass.share));
+        pass.sum(ZERO, parts, add, |_, (last, work), diagonal| {
+            vectorised(
+                #[inline(always)]
+                || {
+                    for (v, w) in last.iter().zip(work) {
+                        add_gram(diagonal, v, w);
+                    }
+                },
+            );
+        })
     }
 
     /// w -= V_j a + V_(j-1) b' for the last panel j, and the panel before joins the sketch after that.
-    pub fn recur(&mut self, diagonal: &Block, before: Option<&Block>) -> Near {
+    pub fn recur(&mut self, diagonal: &Block, before: Option<&Block>) -> Result<Near, EigenError> {
         let share = 1.0 / (WIDTH as f64).sqrt();
         let mut sign = || if self.signs.signed() < 0.0 { share } else { -share };
         let signs: Block = std::array::from_fn(|_| std::array::from_fn(|_| sign()));
-        let (newest, locked) = (self.panels.newest(), self.locked.all());
-        let mut near = Near::none(self.null, locked.len());
-        let (work, sketch) = (runs_mut(&mut self.work), runs_mut(&mut self.sketch));
-        vectorised(
-            #[inline(always)]
-            || {
-                for (run, (w, sketch)) in work.iter_mut().zip(sketch).enumerate() {
-                    subtract_product(w, &newest[0][run], diagonal);
-                    if let Some(b) = before {
-                        subtract_product(w, &newest[1][run], b);
+        let (newest, locked) = (self.panels.newest(), self.pool.split(&self.locked));
+        let pass = self.pass(2 * newest.len() + locked.len() + 3);
+        let work = runs_mut(&mut self.work).chunks_mut(pass.share);
+        let parts = work.zip(runs_mut(&mut self.sketch).chunks_mut(pass.share));
+        pass.sum(Near::none(self.null, locked.len()), parts, Near::join, |first, (work, sketch), near| {
+            vectorised(
+                #[inline(always)]
+                || {
+                    for (run, (w, sketch)) in (first..).zip(work.iter_mut().zip(sketch)) {
+                        subtract_product(w, &newest[0][run], diagonal);
+                        if let Some(b) = before {
+                            subtract_product(w, &newest[1][run], b);
+                        }
+                        near.add(run, w, [&newest, &locked], sketch, self.null);
+                        if let Some(before) = newest.get(1) {
+                            subtract_product(sketch, &before[run], &signs);
+                        }
                     }
-                    near.add(run, w, [&newest, &locked], sketch, self.null);
-                    if let Some(before) = newest.get(1) {
-                        subtract_product(sketch, &before[run], &signs);
-                    }
-                }
-            },
-        );
-        near
+                },
+            );
+        })
     }
 
     /// Products with what is nearest.
-    pub fn near(&self) -> Near {
-        let (newest, locked) = (self.panels.newest(), self.locked.all());
-        let mut near = Near::none(self.null, locked.len());
-        vectorised(
-            #[inline(always)]
-            || {
-                for (run, (w, sketch)) in runs(&self.work).iter().zip(runs(&self.sketch)).enumerate() {
-                    near.add(run, w, [&newest, &locked], sketch, self.null);
-                }
-            },
-        );
-        near
+    pub fn near(&self) -> Result<Near, EigenError> {
+        let (newest, locked) = (self.panels.newest(), self.pool.split(&self.locked));
+        let pass = self.pass(newest.len() + locked.len() + 2);
+        let parts = runs(&self.work).chunks(pass.share).zip(runs(&self.sketch).chunks(pass.share));
+        pass.sum(Near::none(self.null, locked.len()), parts, Near::join, |first, (work, sketch), near| {
+            vectorised(
+                #[inline(always)]
+                || {
+                    for (run, (w, sketch)) in (first..).zip(work.iter().zip(sketch)) {
+                        near.add(run, w, [&newest, &locked], sketch, self.null);
+                    }
+                },
+            );
+        })
     }
 
     /// Products with the panels before the last two: of w, and of the last panel if `paired`. All of them, or with `scale`, the R^-1 of w, up to where they
     /// are negligible: products grow along converged Ritz vectors, which live in the first panels.
-    pub fn along(&self, paired: bool, scale: Option<&Block>) -> Along {
+    pub fn along(&self, paired: bool, scale: Option<&Block>) -> Result<Along, EigenError> {
         let panels = self.panels.all();
         let older = panels.len().saturating_sub(2);
-        let mut along = Along { panels: vec![[ZERO; 2]; older] };
-        let mut begin = 0;
-        while begin < older {
-            let end = (begin + GROUP).min(older);
-            let (group, sums) = (&panels[begin..end], &mut along.panels[begin..end]);
+        let mut along = Along { panels: Vec::with_capacity(older) };
+        for group in panels[..older].chunks(GROUP) {
+            let sums = self.products(group, paired.then(|| panels[older + 1]))?;
+            let negligible = |scale: &Block| {
+                sums.iter().all(|h| norm(&h[0]) < NEGLIGIBLE && norm(&product(&h[1], scale)) < 100.0 * NEGLIGIBLE)
+            };
+            let last = scale.is_some_and(negligible);
+            along.panels.extend(sums);
+            if last {
+                break;
+            }
+        }
+        Ok(along)
+    }
+
+    /// Products of some panels with the last one, if it is given, and with w.
+    fn products(&self, panels: &[&Panel], last: Option<&Panel>) -> Result<Vec<[Block; 2]>, EigenError> {
+        let pass = self.pass(panels.len() * (1 + usize::from(last.is_some())));
+        let zero = vec![[ZERO; 2]; panels.len()];
+        let join = |sums: &mut Vec<[Block; 2]>, others: &Vec<[Block; 2]>| {
+            let pairs = sums.as_flattened_mut().iter_mut().zip(others.as_flattened());
+            pairs.for_each(|(sum, other)| add(sum, other));
+        };
+        pass.sum(zero, runs(&self.work).chunks(pass.share), join, |first, work, sums| {
             let mut touched = 0.0;
             vectorised(
                 #[inline(always)]
                 || {
-                    for (run, w) in runs(&self.work).iter().enumerate() {
-                        for (p, (h, panel)) in sums.iter_mut().zip(group).enumerate() {
-                            touched += touch_next(group, p, run);
-                            if paired {
-                                add_gram(&mut h[0], &panel[run], &panels[older + 1][run]);
+                    for (run, w) in (first..).zip(work) {
+                        for (p, (h, panel)) in sums.iter_mut().zip(panels).enumerate() {
+                            touched += touch_next(panels, p, run);
+                            if let Some(last) = last {
+                                add_gram(&mut h[0], &panel[run], &last[run]);
                             }
                             add_gram(&mut h[1], &panel[run], w);
                         }
@@ -223,121 +267,116 @@ impl<'a> Basis<'a> {
                 },
             );
             black_box(touched);
-            let negligible = |scale: &Block| {
-                sums.iter().all(|h| norm(&h[0]) < NEGLIGIBLE && norm(&product(&h[1], scale)) < 100.0 * NEGLIGIBLE)
-            };
-            begin = end;
-            if scale.is_some_and(negligible) {
-                break;
-            }
-        }
-        along.panels.truncate(begin);
-        along
+        })
     }
 
     /// Removes what was found from the last panel and from w, then w <- w h; returns w' w.
-    pub fn remove(&mut self, near: &Near, along: &Along, h: Option<&Block>) -> Block {
-        let mut gram = ZERO;
-        let mut panels = self.panels.split();
-        let locked = self.locked.all();
+    pub fn remove(&mut self, near: &Near, along: &Along, h: Option<&Block>) -> Result<Block, EigenError> {
         let paired = along.panels.iter().any(|h| norm(&h[0]) > 0.0);
-        let work = runs_mut(&mut self.work);
-        let mut touched = 0.0;
-        vectorised(
-            #[inline(always)]
-            || {
-                for (run, w) in work.iter_mut().enumerate() {
-                    self.null.remove(run, w, &near.null);
-                    // What was found along all panels holds what is along these.
-                    if along.panels.is_empty() {
-                        for (h, panel) in near.locked.iter().zip(&locked) {
-                            subtract_product(w, &panel[run], h);
+        let pass = self.pass(along.panels.len() * (1 + usize::from(paired)) + 4);
+        let (null, locked) = (self.null, self.pool.split(&self.locked));
+        let (older, last) = self.panels.split().unwrap_or_default();
+        // There is none at first.
+        let mut last = last.chunks_mut(pass.share);
+        let parts = runs_mut(&mut self.work).chunks_mut(pass.share).map(|work| (work, last.next().unwrap_or_default()));
+        pass.sum(ZERO, parts, add, |first, (work, last), gram| {
+            let mut touched = 0.0;
+            vectorised(
+                #[inline(always)]
+                || {
+                    for (i, w) in work.iter_mut().enumerate() {
+                        let run = first + i;
+                        null.remove(run, w, &near.null);
+                        // What was found along all panels holds what is along these.
+                        if along.panels.is_empty() {
+                            for (h, panel) in near.locked.iter().zip(&locked) {
+                                subtract_product(w, &panel[run], h);
+                            }
                         }
-                    }
-                    if let Some((older, last)) = &mut panels {
                         if let Some(before) = older.last() {
                             subtract_product(w, &before[run], &near.last[1]);
                         }
-                        subtract_product(w, &last[run], &near.last[0]);
-                        let older = &older[..along.panels.len()];
-                        for (p, (h, panel)) in along.panels.iter().zip(older).enumerate() {
-                            touched += touch_next(older, p, run);
-                            if paired {
-                                subtract_product(&mut last[run], &panel[run], &h[0]);
+                        if let Some(last) = last.get_mut(i) {
+                            subtract_product(w, last, &near.last[0]);
+                            let older = &older[..along.panels.len()];
+                            for (p, (h, panel)) in along.panels.iter().zip(older).enumerate() {
+                                touched += touch_next(older, p, run);
+                                if paired {
+                                    subtract_product(last, &panel[run], &h[0]);
+                                }
+                                subtract_product(w, &panel[run], &h[1]);
                             }
-                            subtract_product(w, &panel[run], &h[1]);
                         }
+                        if let Some(h) = h {
+                            multiply_right(w, h);
+                        }
+                        add_gram(gram, w, w);
                     }
-                    if let Some(h) = h {
-                        multiply_right(w, h);
-                    }
-                    add_gram(&mut gram, w, w);
-                }
-            },
-        );
-        black_box(touched);
-        gram
+                },
+            );
+            black_box(touched);
+        })
     }
 
     /// w <- w h; returns the new w' w.
-    pub fn multiply(&mut self, h: &Block) -> Block {
-        let mut gram = ZERO;
-        let work = runs_mut(&mut self.work);
-        vectorised(
-            #[inline(always)]
-            || {
-                for w in work {
-                    multiply_right(w, h);
-                    add_gram(&mut gram, w, w);
-                }
-            },
-        );
-        gram
+    pub fn multiply(&mut self, h: &Block) -> Result<Block, EigenError> {
+        let pass = self.pass(2);
+        pass.sum(ZERO, runs_mut(&mut self.work).chunks_mut(pass.share), add, |_, work, gram| {
+            vectorised(
+                #[inline(always)]
+                || {
+                    for w in work {
+                        multiply_right(w, h);
+                        add_gram(gram, w, w);
+                    }
+                },
+            );
+        })
     }
 
     /// w <- w h, which is appended.
     pub fn append(&mut self, h: &Block) -> Result<(), EigenError> {
         self.panels.grow()?;
-        let Some((_, last)) = self.panels.split() else { return Ok(()) };
-        let work = runs_mut(&mut self.work);
-        vectorised(
-            #[inline(always)]
-            || {
-                for (w, v) in work.iter_mut().zip(last) {
-                    multiply_right(w, h);
-                    *v = *w;
-                }
-            },
-        );
-        Ok(())
+        // Three panels go through memory.
+        let pass = self.pass(3);
+        let (_, last) = self.panels.split().unwrap_or_default();
+        let parts = runs_mut(&mut self.work).chunks_mut(pass.share).zip(last.chunks_mut(pass.share));
+        pass.run(parts, |_, (work, last)| {
+            vectorised(
+                #[inline(always)]
+                || {
+                    for (w, v) in work.iter_mut().zip(last) {
+                        multiply_right(w, h);
+                        *v = *w;
+                    }
+                },
+            );
+        })
     }
 
     /// Locks V c; c has eight rows for each of the first panels, and columns in eights.
     pub fn lock(&mut self, c: MatRef<'_, f64>) -> Result<(), EigenError> {
         let (rows, columns) = (c.nrows() / WIDTH, c.ncols() / WIDTH);
-        for _ in 0..columns {
-            self.locked.grow()?;
-        }
+        self.locked = self.pool.panels(columns)?;
+        let pass = self.pass(rows * columns);
         let mut panels = self.panels.all_mut();
         panels.truncate(rows);
-        for panel in self.locked.all_mut() {
-            panel.fill([[0.0; WIDTH]; RUN]);
-            panels.push(panel);
-        }
+        panels.extend(self.pool.split_mut(&mut self.locked));
         let block = |p: usize, l: usize| -> Block {
             std::array::from_fn(|i| std::array::from_fn(|q| -c[(p * WIDTH + i, l * WIDTH + q)]))
         };
         let steps = (0..columns).flat_map(|l| (0..rows).map(move |p| (l, p)));
         let steps: Vec<_> = steps.map(|(l, p)| (rows + l, p, block(p, l))).collect();
-        subtract_products(&mut panels, &steps);
-        Ok(())
+        pass.run(pass.split(panels), |_, mut panels| subtract_products(&mut panels, &steps))
     }
 
     /// V c, in place of the first panels; c has eight rows per panel, and panels of columns.
-    pub fn combine(mut self, c: MatRef<'_, f64>) -> Panels<'a> {
-        replace_by_product(&mut self.panels.all_mut(), c);
+    pub fn combine(mut self, c: MatRef<'_, f64>) -> Result<Panels<'a>, EigenError> {
+        let pass = self.pass(c.nrows() * c.ncols() / (WIDTH * WIDTH));
+        let parts = pass.split(self.panels.all_mut());
+        pass.run(parts, |_, mut panels| replace_by_product(&mut panels, c))?;
         self.panels.truncate(c.ncols() / WIDTH);
-        self.panels
+        Ok(self.panels)
     }
 }
 

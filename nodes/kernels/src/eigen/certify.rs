@@ -4,6 +4,7 @@ use super::basis::Null;
 use super::gauge::is_turned;
 use super::packed::Packed;
 use super::panel::{Row, Rows, WIDTH};
+use super::parts::{collect, locked};
 use super::pool::{Panel, RUN};
 use super::problem::Problem;
 use super::quality::Quality;
@@ -11,8 +12,7 @@ use super::spare::Spare;
 use super::tiles::Triangle;
 use super::vectors::{Vectors, by_vertex, null_product};
 use super::{EigenError, Hooks, Phase, enter};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 /// Inner products above this are removed: neighbours found by different slices, each accurate, are that nearly orthogonal only.
 const REMOVED: f64 = 1e-11;
@@ -51,13 +51,14 @@ impl<'a> Columns<'a> {
     }
 
     /// Computes Rayleigh quotients and residuals, and writes the vectors to the target, which has room for all of them: by vertex in the caller's units with their
-    /// signs, column after column, ascending by Rayleigh quotient.
+    /// signs, column after column, ascending by Rayleigh quotient. What is to be done `aside` is a task like each panel, the first and largest.
     pub fn examine(
         &self,
         vectors: Vectors<'_>,
         wanted: usize,
         tolerance: f64,
         target: &mut [f64],
+        aside: &(dyn Fn() + Sync),
     ) -> Result<Findings, EigenError> {
         let (n, places, guesses) = (self.order.len(), vectors.places(), vectors.values().to_vec());
         let mut slots: Vec<Vec<Target<'_>>> = guesses.iter().map(|_| Vec::new()).collect();
@@ -68,15 +69,19 @@ impl<'a> Columns<'a> {
         let mut results: Vec<Quality> = Vec::with_capacity(guesses.len());
         for store in vectors.into_stores() {
             let (begin, panels) = (results.len(), store.all());
-            let examined = self.map(panels.len(), &|p| {
+            let examined = self.map(1 + panels.len(), &|task| {
+                let Some(p) = task.checked_sub(1) else {
+                    aside();
+                    return Ok(None);
+                };
                 let memory = self.by_vertex(panels[p])?;
                 let v = memory.as_slice();
                 let quality = self.problem.examine(v, &guesses[begin + p], tolerance);
-                self.write(v, &quality, &mut slots[begin + p].lock().unwrap_or_else(PoisonError::into_inner));
+                self.write(v, &quality, &mut locked(&slots[begin + p]));
                 self.spare.give(memory);
-                Ok(quality)
+                Ok(Some(quality))
             })?;
-            results.extend(examined.into_iter().collect::<Result<Vec<_>, EigenError>>()?);
+            results.extend(examined.into_iter().collect::<Result<Vec<_>, EigenError>>()?.into_iter().flatten());
             // Memory is short while results are written.
             store.release();
         }
@@ -137,7 +142,7 @@ impl<'a> Columns<'a> {
             enter(self.hooks, Phase::Certify)?;
             let mut correction = self.problem.residual_rows(&quality.values, v, self.order);
             self.spare.give(memory);
-            factor.solve(&mut correction);
+            factor.solve(self.hooks, &mut correction)?;
             vectors.correct(p, &correction, &quality.values);
         }
         Ok(())
@@ -273,30 +278,6 @@ fn permute(columns: &mut [f64], n: usize, order: &[usize]) {
     }
 }
 
-/// All tasks, on the threads that the hooks lend; cancelled if one was left out.
-pub(super) fn each(hooks: &dyn Hooks, count: usize, task: &(dyn Fn(usize) + Sync)) -> Result<(), EigenError> {
-    let done = AtomicUsize::new(0);
-    hooks.each(count, &|i| {
-        task(i);
-        done.fetch_add(1, Ordering::Relaxed);
-    });
-    if done.into_inner() == count { Ok(()) } else { Err(EigenError::Cancelled) }
-}
-
-/// The results of all tasks, in order.
-pub(super) fn collect<T: Send>(
-    hooks: &dyn Hooks,
-    count: usize,
-    task: &(dyn Fn(usize) -> T + Sync),
-) -> Result<Vec<T>, EigenError> {
-    let slots: Vec<Mutex<Option<T>>> = (0..count).map(|_| Mutex::new(None)).collect();
-    each(hooks, count, &|i| {
-        let result = task(i);
-        *slots[i].lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
-    })?;
-    Ok(slots.into_iter().filter_map(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner)).collect())
-}
-
 /// An uncertified result of which nothing more is known.
 pub(super) const UNCERTIFIED: EigenError = EigenError::NotCertified { expected: 0, found: 0, residual: f64::NAN };
 
@@ -385,7 +366,7 @@ mod tests {
         let mut polished = noisy();
         columns.polish(&mut polished, 1e-8, || factorizer.factor(-12.0, &())).expect("not cancelled");
         let [before, after] = [noisy(), polished]
-            .map(|vectors| columns.examine(vectors, 24, 1e-8, &mut vec![0.0; 24 * n]).expect("not cancelled"));
+            .map(|vectors| columns.examine(vectors, 24, 1e-8, &mut vec![0.0; 24 * n], &|| ()).expect("not cancelled"));
         assert!(
             before.residual > 1e-6 && after.residual < 0.05 * before.residual,
             "{} {}",

@@ -75,7 +75,7 @@ pub(super) fn refine(
 ) -> Result<Option<Mat<f64>>, EigenError> {
     let k = y.ncols();
     let mut z = y.clone();
-    solve_columns(factor, order, z.as_mut());
+    solve_columns(factor, order, z.as_mut())?;
     problem.project_out_kernel(z.as_mut());
     let t = inner(y.as_ref(), z.as_ref());
     let t = Mat::from_fn(k, k, |i, j| 0.5 * (t[(i, j)] + t[(j, i)]));
@@ -84,7 +84,7 @@ pub(super) fn refine(
     Ok(orthonormalise(product(z.as_ref(), rotation.as_ref())))
 }
 
-fn solve_columns(factor: &Packed, order: &[u32], mut x: MatMut<'_, f64>) {
+fn solve_columns(factor: &Packed, order: &[u32], mut x: MatMut<'_, f64>) -> Result<(), EigenError> {
     let mut panel = vec![[0.0; WIDTH]; order.len()];
     for begin in (0..x.ncols()).step_by(WIDTH) {
         let width = WIDTH.min(x.ncols() - begin);
@@ -93,13 +93,14 @@ fn solve_columns(factor: &Packed, order: &[u32], mut x: MatMut<'_, f64>) {
                 *entry = x[(v as usize, begin + q)];
             }
         }
-        factor.solve(&mut panel);
+        factor.solve(&(), &mut panel)?;
         for (row, &v) in panel.iter().zip(order) {
             for (q, entry) in row.iter().enumerate().take(width) {
                 x[(v as usize, begin + q)] = *entry;
             }
         }
     }
+    Ok(())
 }
 
 /// Orthonormal columns with the same leading spans, by two Cholesky QR passes; nothing if the columns are dependent.

@@ -1,13 +1,13 @@
 //! Sparse LDL' factorisations of A - shift I: solves, and eigenvalue counts by inertia.
 
-use super::certify::collect;
 use super::packed::{Packed, Shape};
+use super::parts::{collect, locked};
 use super::problem::Problem;
 use super::spare::Spare;
 use super::{EigenError, Hooks};
 use crate::multifrontal::{Branch, Elimination, Fronts, Keep, Lower, Shifted, Symbolic};
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 /// Merging small supernodes costs some fill and pays in every solve; measured on meshes of 1,000 to 170,000 vertices.
 const RELAXED: [(usize, f64); 4] = [(4, 0.5), (16, 0.2), (48, 0.05), (usize::MAX, 0.02)];
@@ -91,7 +91,7 @@ impl Factorizer {
         let matrix = Shifted { symbolic: self.shape.symbolic(), lower: &self.lower, shift };
         let own: Vec<Mutex<K>> = own.into_iter().map(Mutex::new).collect();
         let branches = collect(hooks, own.len(), &|i| {
-            let keep = &mut *own[i].lock().unwrap_or_else(PoisonError::into_inner);
+            let keep = &mut *locked(&own[i]);
             let memory = self.left.take().unwrap_or_default();
             self.with_fronts(|fronts| fronts.branch(&matrix, self.branches[i].clone(), keep, memory))
         })?;
@@ -146,7 +146,7 @@ mod tests {
         let right: Vec<[f64; 8]> = (0..problem.n()).map(|_| std::array::from_fn(|_| random.signed())).collect();
         let solved = |hooks: &dyn Hooks| {
             let (packed, mut x) = (factorizer.factor(shift, hooks).expect("not singular"), right.clone());
-            packed.solve(&mut x);
+            packed.solve(hooks, &mut x).expect("not cancelled");
             (packed.negative(), x)
         };
         let (below, x) = solved(&());

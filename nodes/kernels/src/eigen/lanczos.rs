@@ -72,6 +72,7 @@ pub(super) struct Found<'a> {
 
 struct Krylov<'r, 'a> {
     run: &'r Run<'r, 'a>,
+    hooks: &'a dyn Hooks,
     basis: Basis<'a>,
     recurrence: Recurrence,
     departure: Departure,
@@ -83,8 +84,8 @@ struct Krylov<'r, 'a> {
 }
 
 /// Finds the pairs that `run.reach` asks for.
-pub(super) fn lanczos<'a>(run: &Run<'_, 'a>, hooks: &dyn Hooks, step: &dyn Fn()) -> Result<Found<'a>, EigenError> {
-    let mut krylov = Krylov::new(run)?;
+pub(super) fn lanczos<'a>(run: &Run<'_, 'a>, hooks: &'a dyn Hooks, step: &dyn Fn()) -> Result<Found<'a>, EigenError> {
+    let mut krylov = Krylov::new(run, hooks)?;
     let limit = (run.n - run.null.count) / WIDTH;
     let mut stalled = 0;
     loop {
@@ -92,7 +93,7 @@ pub(super) fn lanczos<'a>(run: &Run<'_, 'a>, hooks: &dyn Hooks, step: &dyn Fn())
         if blocks >= limit {
             return Err(EigenError::Exhausted);
         }
-        krylov.extend(false, hooks)?;
+        krylov.extend(false)?;
         step();
         if krylov.recurrence.diagonal.len() < krylov.next_check {
             continue;
@@ -102,13 +103,13 @@ pub(super) fn lanczos<'a>(run: &Run<'_, 'a>, hooks: &dyn Hooks, step: &dyn Fn())
         match verdict {
             Verdict::Done(chosen) if krylov.dropped.len() >= run.restarts => {
                 enter(hooks, Phase::Vectors)?;
-                return Ok(krylov.found(&projected, &chosen));
+                return krylov.found(&projected, &chosen);
             }
-            Verdict::Done(_) | Verdict::Short => krylov.extend(true, hooks)?,
+            Verdict::Done(_) | Verdict::Short => krylov.extend(true)?,
             Verdict::NotYet(off) if off <= 1.0 && stalled == STALLED => {
                 // Copies of a multiple eigenvalue keep turning up where the gap should be.
                 stalled = 0;
-                krylov.extend(true, hooks)?;
+                krylov.extend(true)?;
             }
             Verdict::NotYet(off) => {
                 stalled = if off <= 1.0 { stalled + 1 } else { 0 };
@@ -126,11 +127,12 @@ pub(super) fn expected_blocks(pairs: usize, from_bottom: bool) -> usize {
 }
 
 impl<'r, 'a> Krylov<'r, 'a> {
-    fn new(run: &'r Run<'r, 'a>) -> Result<Self, EigenError> {
+    fn new(run: &'r Run<'r, 'a>, hooks: &'a dyn Hooks) -> Result<Self, EigenError> {
         let first_check = expected_blocks(run.reach.expected, run.reach.is_lowest());
         let mut krylov = Self {
             run,
-            basis: Basis::new(run.pool, run.null)?,
+            hooks,
+            basis: Basis::new(run.pool, run.null, hooks)?,
             recurrence: Recurrence::default(),
             departure: Departure::default(),
             dropped: Vec::new(),
@@ -143,14 +145,14 @@ impl<'r, 'a> Krylov<'r, 'a> {
 
     /// One step of the recurrence: B times the last panel, orthonormalised against everything known, becomes the next one; or a fresh
     /// block does, if that is wanted or nothing is left.
-    fn extend(&mut self, fresh: bool, hooks: &dyn Hooks) -> Result<(), EigenError> {
+    fn extend(&mut self, fresh: bool) -> Result<(), EigenError> {
         let last = self.basis.count() - 1;
-        enter(hooks, Phase::Solve)?;
-        self.run.factor.solve(self.basis.work(self.run.n));
-        enter(hooks, Phase::Orthogonalise)?;
+        enter(self.hooks, Phase::Solve)?;
+        self.run.factor.solve(self.hooks, self.basis.work(self.run.n))?;
+        enter(self.hooks, Phase::Orthogonalise)?;
         let before = (last > 0).then(|| transposed(&self.recurrence.below[last - 1]));
-        let diagonal = symmetrised(&self.basis.diagonal());
-        let near = self.basis.recur(&diagonal, before.as_ref());
+        let diagonal = symmetrised(&self.basis.diagonal()?);
+        let near = self.basis.recur(&diagonal, before.as_ref())?;
         self.recurrence.diagonal.push(diagonal);
         let size = largest(&diagonal).max(before.as_ref().map_or(0.0, largest));
         let below = if fresh || !self.dropped.is_empty() { None } else { self.append_nearly_orthogonal(&near)? };
@@ -177,10 +179,10 @@ impl<'r, 'a> Krylov<'r, 'a> {
         }
         let mut along = Along { panels: Vec::new() };
         if loss > LOSS {
-            along = self.basis.along(true, Some(&scale));
+            along = self.basis.along(true, Some(&scale))?;
             self.departure.note(&along.panels, &self.recurrence);
         }
-        let again = self.basis.remove(near, &along, Some(&scale));
+        let again = self.basis.remove(near, &along, Some(&scale))?;
         let below = self.append_scaled(&first, &again)?;
         if loss > LOSS && !self.basis.is_locked() && self.recurrence.diagonal.len() >= LOCKED_FROM {
             self.lock()?;
@@ -199,7 +201,7 @@ impl<'r, 'a> Krylov<'r, 'a> {
 
     /// Orthogonalises w against everything known. Appends it and returns its R, or nothing if it is to be replaced or nothing is left of it.
     fn append_in_full(&mut self, near: &Near, fresh: bool, size: f64) -> Result<Option<Block>, EigenError> {
-        let along = self.basis.along(true, None);
+        let along = self.basis.along(true, None)?;
         let last = self.recurrence.diagonal.len() - 1;
         if self.dropped.is_empty() {
             self.departure.note(&along.panels, &self.recurrence);
@@ -210,7 +212,7 @@ impl<'r, 'a> Krylov<'r, 'a> {
             self.recurrence.couplings.push((*block, last, found));
             subtract(rest, &product(&found, &transposed(&found)));
         }
-        let gram = self.basis.remove(near, &along, None);
+        let gram = self.basis.remove(near, &along, None)?;
         let left = (0..WIDTH).map(|i| gram[i][i]).fold(0.0, f64::max).sqrt();
         let below = if !fresh && left > DEPENDENT * size { self.append(&gram)? } else { None };
         if below.is_none() {
@@ -222,7 +224,7 @@ impl<'r, 'a> Krylov<'r, 'a> {
     /// Cholesky QR, twice, of w with this Gram matrix; appends Q and returns R. Nothing if the columns are dependent.
     fn append(&mut self, gram: &Block) -> Result<Option<Block>, EigenError> {
         let Some(first) = cholesky(gram) else { return Ok(None) };
-        let again = self.basis.multiply(&inverse(&first));
+        let again = self.basis.multiply(&inverse(&first))?;
         self.append_scaled(&first, &again)
     }
 
@@ -241,12 +243,12 @@ impl<'r, 'a> Krylov<'r, 'a> {
             }
             if smooth {
                 // One step of B: the start is smooth, as the wanted vectors are.
-                self.run.factor.solve(self.basis.work(self.run.n));
+                self.run.factor.solve(self.hooks, self.basis.work(self.run.n))?;
             }
             let mut gram = ZERO;
             for _ in 0..2 {
-                let (near, along) = (self.basis.near(), self.basis.along(false, None));
-                gram = self.basis.remove(&near, &along, None);
+                let (near, along) = (self.basis.near()?, self.basis.along(false, None)?);
+                gram = self.basis.remove(&near, &along, None)?;
             }
             if self.append(&gram)?.is_some() {
                 return Ok(());
@@ -285,7 +287,7 @@ impl<'r, 'a> Krylov<'r, 'a> {
     }
 
     /// Purified Ritz vectors of unit norm.
-    fn found(self, projected: &Projected, chosen: &Chosen) -> Found<'a> {
+    fn found(self, projected: &Projected, chosen: &Chosen) -> Result<Found<'a>, EigenError> {
         let m = self.recurrence.diagonal.len() * WIDTH;
         let last = &self.recurrence.below[self.recurrence.below.len() - 1];
         let columns: Vec<usize> = chosen.pairs.iter().map(|r| r.column).collect();
@@ -307,14 +309,14 @@ impl<'r, 'a> Krylov<'r, 'a> {
                 c[(m + p, j)] *= scale;
             }
         }
-        Found {
+        Ok(Found {
             values: chosen.pairs.iter().map(|r| r.value).collect(),
-            vectors: self.basis.combine(c.as_ref()),
+            vectors: self.basis.combine(c.as_ref())?,
             cut: chosen.cut,
             gap: chosen.gap,
             shift: self.run.shift,
             count_below: self.run.count_below,
-        }
+        })
     }
 }
 

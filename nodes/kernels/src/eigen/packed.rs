@@ -1,20 +1,27 @@
 //! A supernodal factor laid out for solves with a whole panel: rows of L contiguous, one pass over L for eight right-hand sides.
 
-use super::panel::Row;
+use super::panel::{Row, WIDTH};
+use super::parts::{each, locked};
 use super::spare::Spare;
+use super::supernode::{Below, Node};
 use super::tiles::{parts, registers_mut};
+use super::tree::{Segment, Tree};
+use super::{EigenError, Hooks};
 use crate::multifrontal::{Eliminated, Keep, Symbolic};
 use pulp::{Arch, Simd, WithSimd};
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 /// What all factors of a matrix share: their pattern and layout.
 pub(super) struct Shape {
     symbolic: Symbolic,
     /// Where the entries of each supernode begin in [`Packed::values`], and their end.
     value_starts: Vec<usize>,
-    /// Memory of factors.
+    /// What solves can go through at the same time.
+    tree: Tree,
+    /// Memory of factors, and for rows of the top.
     spare: Spare<Vec<f64>>,
+    tops: Spare<Vec<Row>>,
 }
 
 impl Shape {
@@ -25,7 +32,8 @@ impl Shape {
             end += node.width() * node.height();
             value_starts.push(end);
         }
-        Self { symbolic, value_starts, spare: Spare::new() }
+        let tree = Tree::new(&symbolic);
+        Self { symbolic, value_starts, tree, spare: Spare::new(), tops: Spare::new() }
     }
 
     pub fn symbolic(&self) -> &Symbolic {
@@ -125,37 +133,112 @@ impl Packed {
         self.inverse_pivots.iter().filter(|p| **p < 0.0).count()
     }
 
-    /// x <- (L D L')^-1 x.
-    pub fn solve(&self, x: &mut [Row]) {
-        Arch::new().dispatch(Forward { packed: self, x: &mut *x });
-        Arch::new().dispatch(Backward { packed: self, x });
+    /// x <- (L D L')^-1 x, on the threads that the hooks lend: groups of subtrees, then what is above them, then the groups again.
+    pub fn solve(&self, hooks: &dyn Hooks, x: &mut [Row]) -> Result<(), EigenError> {
+        let Tree { groups, segments, .. } = &self.shape.tree;
+        if *groups == 0 {
+            self.solve_top(segments.iter(), x);
+            return Ok(());
+        }
+        let mut pieces = self.deal(x);
+        let mut above = pieces.pop().unwrap_or_default();
+        let count: usize = above.iter().map(|(_, rows)| rows.len()).sum();
+        let mut memory = self.shape.tops.take().unwrap_or_default();
+        memory.resize((groups + 1) * count, [0.0; WIDTH]);
+        let (top, tops) = memory.split_at_mut(count);
+        for (segment, rows) in &above {
+            top[segment.place..][..rows.len()].copy_from_slice(rows);
+        }
+        let parts = pieces.into_iter().zip(tops.chunks_mut(count));
+        let parts: Vec<_> = parts.map(|(segments, top)| Mutex::new(Part { segments, top })).collect();
+        each(hooks, *groups, &|group| {
+            let part = &mut *locked(&parts[group]);
+            part.top.fill([0.0; WIDTH]);
+            for (segment, x) in &mut part.segments {
+                Arch::new().dispatch(Forward { packed: self, segment, x, top: part.top });
+            }
+        })?;
+        for part in &parts {
+            let sums = top.as_flattened_mut().iter_mut();
+            sums.zip(locked(part).top.as_flattened()).for_each(|(sum, x)| *sum += x);
+        }
+        self.solve_top(above.iter().map(|(segment, _)| *segment), top);
+        each(hooks, *groups, &|task| {
+            // What was worked on last is still in the cache.
+            let part = &mut *locked(&parts[groups - 1 - task]);
+            part.top.copy_from_slice(top);
+            for (segment, x) in part.segments.iter_mut().rev() {
+                Arch::new().dispatch(Backward { packed: self, segment, x, top: part.top });
+            }
+        })?;
+        drop(parts);
+        for (segment, rows) in &mut above {
+            rows.copy_from_slice(&top[segment.place..][..rows.len()]);
+        }
+        self.shape.tops.give(memory);
+        Ok(())
     }
 
-    /// The supernode's rows of x, those after it, and its parts of the factor: square, rows below, their entries.
-    #[inline(always)]
-    fn split<'a, T>(&'a self, s: usize, parts: usize, x: &'a mut [T]) -> Node<'a, T> {
-        let Shape { symbolic, value_starts, .. } = &*self.shape;
-        let node = &symbolic.nodes[s];
-        let (begin, end, width) = (node.begin, node.end, node.width());
-        let (head, after) = x.split_at_mut(end * parts);
-        let (square, below) = self.values[value_starts[s]..value_starts[s + 1]].split_at(width * width);
-        Node {
-            width,
-            end,
-            own: &mut head[begin * parts..],
-            after,
-            square,
-            below,
-            rows: &symbolic.rows[node.below()],
-            pivots: &self.inverse_pivots[begin..end],
+    /// The rows of x that belong to each group, and those of the top.
+    fn deal<'a>(&'a self, mut x: &'a mut [Row]) -> Vec<Vec<Piece<'a>>> {
+        let mut pieces: Vec<Vec<Piece<'_>>> = (0..=self.shape.tree.groups).map(|_| Vec::new()).collect();
+        for segment in &self.shape.tree.segments {
+            let (rows, rest) = x.split_at_mut(segment.columns.len());
+            pieces[segment.owner].push((segment, rows));
+            x = rest;
+        }
+        pieces
+    }
+
+    /// Solves for x, the rows of the top.
+    fn solve_top<'a>(&self, segments: impl DoubleEndedIterator<Item = &'a Segment> + Clone, x: &mut [Row]) {
+        for segment in segments.clone() {
+            Arch::new().dispatch(Forward { packed: self, segment, x: &mut *x, top: &mut [] });
+        }
+        for segment in segments.rev() {
+            Arch::new().dispatch(Backward { packed: self, segment, x: &mut *x, top: &mut [] });
         }
     }
+
+    /// The supernode's rows of x and its parts of the factor, for x and the top as its segment has them.
+    #[inline(always)]
+    fn node<'a, T>(&'a self, s: usize, at: &Segment, parts: usize, x: &'a mut [T], top: &'a mut [T]) -> Node<'a, T> {
+        let Shape { symbolic, value_starts, tree, .. } = &*self.shape;
+        let node = &symbolic.nodes[s];
+        let (width, pivots) = (node.width(), &self.inverse_pivots[node.begin..node.end]);
+        let begin = node.begin - at.columns.start + at.place;
+        let (head, after) = x.split_at_mut((begin + width) * parts);
+        let (square, below) = self.values[value_starts[s]..value_starts[s + 1]].split_at(width * width);
+        let rows = &tree.rows[node.below()];
+        let (near, far) = rows.split_at(tree.inner(s, rows.len()));
+        let (near_entries, far_entries) = below.split_at(near.len() * width);
+        Node {
+            width,
+            own: &mut head[begin * parts..],
+            square,
+            pivots,
+            near: Below { rows: near, entries: near_entries, x: after, begin: begin + width },
+            far: Below { rows: far, entries: far_entries, x: top, begin: 0 },
+        }
+    }
+}
+
+/// A segment and its rows of x.
+type Piece<'a> = (&'a Segment, &'a mut [Row]);
+
+/// What a group works on.
+struct Part<'a> {
+    segments: Vec<Piece<'a>>,
+    /// First what is to be added to the rows of the top, then these rows.
+    top: &'a mut [Row],
 }
 
 /// x <- L^-1 x.
 struct Forward<'a> {
     packed: &'a Packed,
+    segment: &'a Segment,
     x: &'a mut [Row],
+    top: &'a mut [Row],
 }
 
 impl WithSimd for Forward<'_> {
@@ -163,9 +246,9 @@ impl WithSimd for Forward<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let x = registers_mut::<S>(self.x);
-        for s in 0..self.packed.shape.symbolic.nodes.len() {
-            let mut node = self.packed.split(s, parts::<S>(), x);
+        let (x, top) = (registers_mut::<S>(self.x), registers_mut::<S>(self.top));
+        for s in self.segment.nodes.clone() {
+            let mut node = self.packed.node(s, self.segment, parts::<S>(), x, top);
             for part in 0..parts::<S>() {
                 node.forward(simd, part);
             }
@@ -176,7 +259,9 @@ impl WithSimd for Forward<'_> {
 /// x <- L'^-1 D^-1 x.
 struct Backward<'a> {
     packed: &'a Packed,
+    segment: &'a Segment,
     x: &'a mut [Row],
+    top: &'a mut [Row],
 }
 
 impl WithSimd for Backward<'_> {
@@ -184,166 +269,13 @@ impl WithSimd for Backward<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let x = registers_mut::<S>(self.x);
-        for s in (0..self.packed.shape.symbolic.nodes.len()).rev() {
-            let mut node = self.packed.split(s, parts::<S>(), x);
+        let (x, top) = (registers_mut::<S>(self.x), registers_mut::<S>(self.top));
+        for s in self.segment.nodes.clone().rev() {
+            let mut node = self.packed.node(s, self.segment, parts::<S>(), x, top);
             for part in 0..parts::<S>() {
                 node.backward(simd, part);
             }
         }
-    }
-}
-
-/// A supernode, and x in registers, of which a row has several where they are short.
-struct Node<'a, T> {
-    width: usize,
-    end: usize,
-    own: &'a mut [T],
-    after: &'a mut [T],
-    square: &'a [f64],
-    below: &'a [f64],
-    rows: &'a [u32],
-    pivots: &'a [f64],
-}
-
-impl<T: Copy> Node<'_, T> {
-    #[inline(always)]
-    fn forward<S: Simd<f64s = T>>(&mut self, simd: S, part: usize) {
-        let mut begin = 0;
-        while begin < self.width {
-            begin += match self.width - begin {
-                8.. => self.eliminate::<S, 8>(simd, part, begin),
-                4.. => self.eliminate::<S, 4>(simd, part, begin),
-                2.. => self.eliminate::<S, 2>(simd, part, begin),
-                _ => self.eliminate::<S, 1>(simd, part, begin),
-            };
-        }
-        let (fours, rest) = self.rows.as_chunks::<4>();
-        let (twos, ones) = rest.as_chunks::<2>();
-        let mut entries = self.below;
-        for rows in fours {
-            entries = self.scatter(simd, part, rows, entries);
-        }
-        for rows in twos {
-            entries = self.scatter(simd, part, rows, entries);
-        }
-        for &row in ones {
-            entries = self.scatter(simd, part, &[row], entries);
-        }
-    }
-
-    /// Solves for R rows of the triangle from `begin` on, once those before are known. Returns R.
-    #[inline(always)]
-    fn eliminate<S: Simd<f64s = T>, const R: usize>(&mut self, simd: S, part: usize, begin: usize) -> usize {
-        let (parts, width) = (parts::<S>(), self.width);
-        let l: [&[f64]; R] = std::array::from_fn(|r| &self.square[(begin + r) * width..][..begin + R]);
-        let (done, rest) = self.own.split_at_mut(begin * parts);
-        let mut sums: [T; R] = std::array::from_fn(|r| rest[r * parts + part]);
-        for (c, y) in done.chunks_exact(parts).enumerate() {
-            let y = simd.neg_f64s(y[part]);
-            for r in 0..R {
-                sums[r] = simd.mul_add_f64s(simd.splat_f64s(l[r][c]), y, sums[r]);
-            }
-        }
-        for c in 0..R {
-            let y = simd.neg_f64s(sums[c]);
-            for r in c + 1..R {
-                sums[r] = simd.mul_add_f64s(simd.splat_f64s(l[r][begin + c]), y, sums[r]);
-            }
-        }
-        for r in 0..R {
-            rest[r * parts + part] = sums[r];
-        }
-        R
-    }
-
-    /// Subtracts the columns from R rows below, in R sums that do not wait for each other. Returns the entries of the rows after those.
-    #[inline(always)]
-    fn scatter<'e, S: Simd<f64s = T>, const R: usize>(
-        &mut self,
-        simd: S,
-        part: usize,
-        rows: &[u32; R],
-        entries: &'e [f64],
-    ) -> &'e [f64] {
-        let (parts, width) = (parts::<S>(), self.width);
-        let (now, later) = entries.split_at(R * width);
-        let l: [&[f64]; R] = std::array::from_fn(|r| &now[r * width..][..width]);
-        let at = rows.map(|row| (row as usize - self.end) * parts + part);
-        let mut sums = at.map(|i| self.after[i]);
-        for (c, y) in self.own.chunks_exact(parts).enumerate().take(width) {
-            let y = simd.neg_f64s(y[part]);
-            for r in 0..R {
-                sums[r] = simd.mul_add_f64s(simd.splat_f64s(l[r][c]), y, sums[r]);
-            }
-        }
-        for r in 0..R {
-            self.after[at[r]] = sums[r];
-        }
-        later
-    }
-
-    #[inline(always)]
-    fn backward<S: Simd<f64s = T>>(&mut self, simd: S, part: usize) {
-        for (y, p) in self.own.chunks_exact_mut(parts::<S>()).zip(self.pivots) {
-            y[part] = simd.mul_f64s(y[part], simd.splat_f64s(*p));
-        }
-        let mut end = self.width;
-        while end > 0 {
-            end -= match end {
-                8.. => self.gather::<S, 8, 1>(simd, part, end),
-                4.. => self.gather::<S, 4, 2>(simd, part, end),
-                2.. => self.gather::<S, 2, 4>(simd, part, end),
-                _ => self.gather::<S, 1, 4>(simd, part, end),
-            };
-        }
-    }
-
-    /// Solves for C columns before `end`, once those after are known: C products for each row loaded, U rows in flight so that sums do not wait for
-    /// each other. Returns C.
-    #[inline(always)]
-    fn gather<S: Simd<f64s = T>, const C: usize, const U: usize>(&mut self, simd: S, part: usize, end: usize) -> usize {
-        let (parts, width, begin) = (parts::<S>(), self.width, end - C);
-        let row = |row: u32| self.after[(row as usize - self.end) * parts + part];
-        let mut sums = [[simd.splat_f64s(0.0); C]; U];
-        // From the last row to the first, as supernodes go by: memory is then read in one direction.
-        let (groups, rest) = self.rows.as_chunks::<U>();
-        let (entries, last) = self.below.split_at(groups.len() * U * width);
-        for (&r, l) in rest.iter().zip(last.chunks_exact(width)).rev() {
-            add_multiples(simd, &mut sums[0], &l[begin..], row(r));
-        }
-        for (group, now) in groups.iter().zip(entries.chunks_exact(U * width)).rev() {
-            for u in (0..U).rev() {
-                add_multiples(simd, &mut sums[u], &now[u * width + begin..], row(group[u]));
-            }
-        }
-        let known = self.own[end * parts..].chunks_exact(parts).zip(self.square[end * width..].chunks_exact(width));
-        for (y, l) in known.rev() {
-            add_multiples(simd, &mut sums[0], &l[begin..], y[part]);
-        }
-        let mut own: [T; C] = std::array::from_fn(|c| {
-            let sum = (1..U).fold(sums[0][c], |sum, u| simd.add_f64s(sum, sums[u][c]));
-            simd.sub_f64s(self.own[(begin + c) * parts + part], sum)
-        });
-        for j in (0..C).rev() {
-            let (l, y) = (&self.square[(begin + j) * width + begin..][..C], simd.neg_f64s(own[j]));
-            for c in 0..j {
-                own[c] = simd.mul_add_f64s(simd.splat_f64s(l[c]), y, own[c]);
-            }
-        }
-        for c in 0..C {
-            self.own[(begin + c) * parts + part] = own[c];
-        }
-        C
-    }
-}
-
-/// sums + y l, for the first entries of l.
-#[inline(always)]
-fn add_multiples<S: Simd, const C: usize>(simd: S, sums: &mut [S::f64s; C], l: &[f64], y: S::f64s) {
-    let l = &l[..C];
-    for c in 0..C {
-        sums[c] = simd.mul_add_f64s(simd.splat_f64s(l[c]), y, sums[c]);
     }
 }
 
@@ -366,8 +298,9 @@ pub(super) mod tests {
 
     fn solved<S: Simd>(simd: S, packed: &Packed, right: &[Row]) -> Vec<Row> {
         let mut x = right.to_vec();
-        Forward { packed, x: &mut x }.with_simd(simd);
-        Backward { packed, x: &mut x }.with_simd(simd);
+        let segment = &packed.shape.tree.segments[0];
+        Forward { packed, segment, x: &mut x, top: &mut [] }.with_simd(simd);
+        Backward { packed, segment, x: &mut x, top: &mut [] }.with_simd(simd);
         x
     }
 
@@ -383,7 +316,7 @@ pub(super) mod tests {
         let mut random = Random::from_state(7);
         let right: Vec<Row> = order.iter().map(|_| std::array::from_fn(|_| random.signed())).collect();
         let mut x = right.clone();
-        packed.solve(&mut x);
+        packed.solve(&(), &mut x).expect("not cancelled");
         let mut place = vec![0; order.len()];
         order.iter().enumerate().for_each(|(i, &vertex)| place[vertex as usize] = i);
         let largest = x.as_flattened().iter().fold(0.0f64, |m, x| m.max(x.abs()));
@@ -397,5 +330,37 @@ pub(super) mod tests {
         }
         assert!(solved(pulp::Scalar512b, &packed, &right) == x && solved(pulp::Scalar256b, &packed, &right) == x);
         assert!(solved(pulp::Scalar, &packed, &right) == x);
+        in_groups_the_solution_is_the_same(&packed, &right, &x);
+    }
+
+    /// Runs tasks from the last to the first.
+    struct Backwards;
+
+    impl Hooks for Backwards {
+        fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
+            (0..count).rev().for_each(task);
+        }
+    }
+
+    fn in_groups_the_solution_is_the_same(packed: &Packed, right: &[Row], whole: &[Row]) {
+        assert_eq!(packed.shape.tree.groups, 0);
+        let largest = whole.as_flattened().iter().fold(0.0f64, |m, x| m.max(x.abs()));
+        for groups in 2..5 {
+            let symbolic = packed.shape.symbolic.clone();
+            let shape = Shape { tree: Tree::with_groups(&symbolic, groups), ..Shape::new(symbolic) };
+            let (values, inverse_pivots) = (packed.values.clone(), packed.inverse_pivots.clone());
+            let packed = Packed { shape: Arc::new(shape), values, inverse_pivots };
+            let owned = |group: usize| packed.shape.tree.segments.iter().filter(move |segment| segment.owner == group);
+            let columns = |group: usize| owned(group).map(|segment| segment.columns.len()).sum::<usize>();
+            assert!((0..groups).all(|group| columns(group) > right.len() / (2 * groups)), "groups of like size");
+            assert!((1..right.len() / 3).contains(&columns(groups)), "a small top");
+            let [mut x, mut y] = [right.to_vec(), right.to_vec()];
+            packed.solve(&(), &mut x).expect("not cancelled");
+            packed.solve(&Backwards, &mut y).expect("not cancelled");
+            assert!(x == y);
+            for (x, y) in x.as_flattened().iter().zip(whole.as_flattened()) {
+                assert!((x - y).abs() < 1e-11 * largest, "{groups} groups: {x} {y}");
+            }
+        }
     }
 }

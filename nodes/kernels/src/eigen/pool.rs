@@ -11,6 +11,9 @@ pub(super) const RUN: usize = 256;
 /// Panels that are allocated together, after those that stay.
 const CHUNK: usize = 8;
 
+/// Bytes that memory comes in.
+const PAGE: usize = 4096;
+
 /// A panel in runs.
 pub(super) type Panel = [[Row; RUN]];
 
@@ -40,6 +43,18 @@ impl Pool {
         self.lent.take()
     }
 
+    /// Touches memory for a sequence of at most so many panels, as long as the caller wants more: the first touch of a page takes longer than most of what
+    /// a step of Lanczos does with it, so that is better done while there is nothing else to do for a second thread.
+    pub fn prepare(&self, panels: usize, wanted: impl Fn() -> bool) -> Result<(), EigenError> {
+        let mut prepared = Panels::new(self);
+        while prepared.count() < panels && wanted() {
+            prepared.grow()?;
+            let (_, last) = prepared.split().unwrap_or_default();
+            last.as_flattened_mut().iter_mut().step_by(PAGE / size_of::<Row>()).for_each(|row| row[0] = 0.0);
+        }
+        Ok(())
+    }
+
     /// Gives what is free back to the system.
     pub fn clear(&self) {
         self.free.clear();
@@ -48,6 +63,15 @@ impl Pool {
     /// New zeroed panels.
     pub fn panels(&self, count: usize) -> Result<Rows, EigenError> {
         Rows::zeroed(count * self.runs * RUN).map_err(|_| EigenError::Memory)
+    }
+
+    /// Such panels, one by one.
+    pub fn split<'p>(&self, rows: &'p Rows) -> Vec<&'p Panel> {
+        runs(rows).chunks_exact(self.runs).collect()
+    }
+
+    pub fn split_mut<'p>(&self, rows: &'p mut Rows) -> Vec<&'p mut Panel> {
+        runs_mut(rows).chunks_exact_mut(self.runs).collect()
     }
 
     /// More room for a sequence of so many panels.
@@ -124,7 +148,8 @@ pub(super) struct Panels<'a> {
 
 impl Drop for Panels<'_> {
     fn drop(&mut self) {
-        self.pool.give_back(self.chunks.drain(..));
+        // What comes first is taken up again first.
+        self.pool.give_back(self.chunks.drain(..).rev());
     }
 }
 

@@ -1,17 +1,17 @@
 //! The wanted part of the spectrum in slices: each around a shift of its own, independent of the others, joined at cuts in gaps.
 
 use super::basis::Null;
-use super::certify::collect;
 use super::factor::Factorizer;
 use super::lanczos::{Found, Run, expected_blocks, lanczos};
 use super::packed::Packed;
+use super::parts::{collect, locked};
 use super::pool::Pool;
 use super::reach::{Reach, Side};
 use super::vectors::{Store, Vectors};
 use super::{EigenError, Hooks, Options, Phase, enter};
 use std::f64::consts::PI;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
 
 /// What the slices share.
 pub(super) struct Spectrum<'a> {
@@ -29,8 +29,8 @@ pub(super) struct Spectrum<'a> {
 pub(super) struct Union<'a> {
     pub vectors: Vectors<'a>,
     pub cut: f64,
-    /// Eigenvalues below the cut by inertia, null space included.
-    pub expected: usize,
+    /// Relative width of the gap that the cut is in.
+    pub gap: f64,
     /// Whether there is no eigenvalue above the cut.
     pub last: bool,
 }
@@ -77,11 +77,7 @@ pub(super) fn union<'a>(spectrum: &Spectrum<'a>, attempt: Attempt) -> Result<Uni
         run_slice(spectrum, &slices, count - 1 - task, attempt, &step)
     })?;
     spectrum.pool.clear();
-    join(spectrum, found.into_iter().rev().collect::<Result<_, _>>()?)
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+    join(found.into_iter().rev().collect::<Result<_, _>>()?, spectrum.null.count)
 }
 
 /// Windows of as many eigenvalues each, by Weyl's law as the count at the uppermost shift corrects it, and a shift in each.
@@ -114,7 +110,7 @@ fn plan(spectrum: &Spectrum<'_>, attempt: Attempt) -> Result<Vec<Slice>, EigenEr
         Slice { begin: value(begin), shift, pairs: pairs as usize, factor: Mutex::new(None) }
     });
     let slices: Vec<Slice> = slices.collect();
-    *lock(&slices[count - 1].factor) = Some(factor);
+    *locked(&slices[count - 1].factor) = Some(factor);
     Ok(slices)
 }
 
@@ -126,7 +122,7 @@ fn run_slice<'a>(
     step: &dyn Fn(),
 ) -> Result<Found<'a>, EigenError> {
     let slice = &slices[i];
-    let at_hand = lock(&slice.factor).take();
+    let at_hand = locked(&slice.factor).take();
     let factor = if let Some(factor) = at_hand {
         factor
     } else {
@@ -156,10 +152,10 @@ fn run_slice<'a>(
     Ok(Found { vectors: found.vectors.settle()?, ..found })
 }
 
-/// Joins neighbours at the lower one's cut, and counts below the uppermost cut.
-fn join<'a>(spectrum: &Spectrum<'a>, found: Vec<Found<'a>>) -> Result<Union<'a>, EigenError> {
+/// Joins neighbours at the lower one's cut.
+fn join(found: Vec<Found<'_>>, null: usize) -> Result<Union<'_>, EigenError> {
     let (cut, gap) = found.last().map_or((0.0, 0.0), |f| (f.cut, f.gap));
-    let mut values: Vec<f64> = Vec::with_capacity(spectrum.wanted + 16);
+    let mut values: Vec<f64> = Vec::new();
     let mut stores = Vec::new();
     let mut from = 0.0;
     for slice in found {
@@ -172,7 +168,6 @@ fn join<'a>(spectrum: &Spectrum<'a>, found: Vec<Found<'a>>) -> Result<Union<'a>,
         // The shift has its own count: what is missing or double is noticed where it happens.
         let below = values.iter().filter(|v| **v < slice.shift).count();
         if below != slice.count_below {
-            let null = spectrum.null.count;
             return Err(EigenError::NotCertified {
                 expected: slice.count_below + null,
                 found: below + null,
@@ -181,7 +176,5 @@ fn join<'a>(spectrum: &Spectrum<'a>, found: Vec<Found<'a>>) -> Result<Union<'a>,
         }
         from = slice.cut;
     }
-    enter(spectrum.hooks, Phase::Count)?;
-    let expected = spectrum.factorizer.count_below(cut, gap, spectrum.hooks)?;
-    Ok(Union { vectors: Vectors::new(stores)?, cut, expected, last: false })
+    Ok(Union { vectors: Vectors::new(stores)?, cut, gap, last: false })
 }

@@ -1,18 +1,20 @@
 //! From a problem to certified pairs: the method, the attempts, the certificate.
 
 use super::basis::Null;
-use super::certify::{Columns, UNCERTIFIED};
+use super::certify::{Columns, Findings, UNCERTIFIED};
 use super::cut::place_cut;
 use super::dense::{lifted, orthonormalise, refine, symmetric_eigen};
 use super::factor::Factorizer;
 use super::lanczos::expected_blocks;
 use super::panel::WIDTH;
+use super::parts::both;
 use super::pool::Pool;
 use super::problem::Problem;
 use super::slices::{Attempt, Spectrum, Union, slice_count, union};
 use super::vectors::Vectors;
 use super::{Certificate, EigenError, Eigenpairs, Hooks, Method, Options, Phase, enter};
 use std::f64::consts::PI;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Accepted departure of V' S V from the identity.
@@ -36,16 +38,28 @@ pub(crate) fn solve(
     let hooks = &Forward { hooks, reached: AtomicU64::new(0) };
     hooks.progress(0.0);
     enter(hooks, Phase::Order)?;
-    let factorizer = Factorizer::new(problem)?;
+    let (n, wanted) = (problem.n(), k.saturating_sub(problem.nullity()));
+    let slices = slice_count(wanted);
+    let pool = Pool::new(n, wanted / slices);
+    let sparse = is_sparse(n, wanted, options);
+    let prepare = || {
+        // Several slices have work for other threads while they touch their memory.
+        if !sparse || slices > 1 {
+            return Ok(());
+        }
+        pool.lend(vec![0.0; n * k]);
+        pool.prepare(1 + expected_blocks(wanted, true), || !hooks.cancelled())
+    };
+    let (factorizer, prepared) = both(hooks, || Factorizer::new(problem), prepare)?;
+    prepared?;
+    let factorizer = factorizer?;
     let order = factorizer.order();
-    let null = problem.null(&order);
-    let wanted = k.saturating_sub(null.count);
     let solver = Solver {
         problem,
         factorizer: &factorizer,
         order: &order,
-        null: &null,
-        pool: &Pool::new(problem.n(), wanted / slice_count(wanted)),
+        null: &problem.null(&order),
+        pool: &pool,
         k,
         options,
         hooks,
@@ -94,6 +108,14 @@ fn check(problem: &Problem<'_>, k: usize, options: &Options) -> Result<(), Eigen
     Ok(())
 }
 
+/// Whether Lanczos is to be tried: not where Krylov spaces are most of the whole one, or pairs most of all. Measured at 1,093 vertices: 700 pairs take 0.14 s
+/// by Lanczos and 0.49 densely; of 900, Lanczos needs several attempts.
+fn is_sparse(n: usize, wanted: usize, options: &Options) -> bool {
+    let slices = slice_count(wanted);
+    let krylov = WIDTH * expected_blocks(wanted / slices, slices == 1);
+    n > options.dense_limit && 4 * krylov <= 3 * n && 3 * wanted <= 2 * n
+}
+
 struct Solver<'a> {
     problem: &'a Problem<'a>,
     factorizer: &'a Factorizer,
@@ -111,16 +133,8 @@ impl<'a> Solver<'a> {
         self.k.saturating_sub(self.null.count)
     }
 
-    /// Whether a full decomposition is the better way: where Krylov spaces are most of the whole one, or pairs most of all. Measured at 1,093 vertices: 700
-    /// pairs take 0.14 s by Lanczos and 0.49 densely; of 900, Lanczos needs several attempts.
-    fn is_dense(&self) -> bool {
-        let (n, slices) = (self.problem.n(), slice_count(self.wanted()));
-        let krylov = WIDTH * expected_blocks(self.wanted() / slices, slices == 1);
-        n <= self.options.dense_limit || 4 * krylov > 3 * n || 3 * self.k > 2 * n
-    }
-
     fn attempts(&self) -> Result<Eigenpairs, EigenError> {
-        if self.is_dense() {
+        if !is_sparse(self.problem.n(), self.wanted(), self.options) {
             return self.certified(self.dense()?, Method::Dense, 0);
         }
         let mut attempt = Attempt { number: 0, restarts: 0 };
@@ -178,27 +192,27 @@ impl<'a> Solver<'a> {
                 y = refine(self.problem, &factor, self.order, &y)?.ok_or(UNCERTIFIED)?;
             }
         }
-        let expected = self.factorizer.count_below(cut.value, cut.width, self.hooks)?;
         let vectors = Vectors::with(self.pool, n, &values[..cut.position], |i, j| y[(self.order[i] as usize, j)])?;
-        Ok(Union { vectors, cut: cut.value, expected, last: cut.position == available })
+        Ok(Union { vectors, cut: cut.value, gap: cut.width, last: cut.position == available })
     }
 
     fn certified(&self, union: Union<'_>, method: Method, rounds: usize) -> Result<Eigenpairs, EigenError> {
-        let Union { mut vectors, cut, expected, last } = union;
+        let Union { vectors, cut, gap, last } = union;
         let found = self.null.count + vectors.len();
         let columns = Columns::new(self.problem, self.null, self.order, self.hooks);
-        enter(self.hooks, Phase::Certify)?;
-        columns.polish(&mut vectors, self.options.tolerance, || {
-            enter(self.hooks, Phase::Factorise)?;
-            self.factorizer.factor(BELOW, self.hooks)
-        })?;
-        enter(self.hooks, Phase::Certify)?;
-        let orthogonality = columns.orthogonalise(&mut vectors)?;
-        // All that were found: only the final values tell which are wanted.
-        let (n, null) = (self.problem.n(), self.null.count.min(self.k));
-        let mut target = self.pool.take_back().unwrap_or_default();
-        target.resize(n * (null + vectors.len()), 0.0);
-        let findings = columns.examine(vectors, self.wanted(), self.options.tolerance, &mut target[n * null..])?;
+        let expected = OnceLock::new();
+        let count = || {
+            expected.get_or_init(|| {
+                enter(self.hooks, Phase::Count)?;
+                let expected = self.factorizer.count_below(cut, gap, self.hooks);
+                enter(self.hooks, Phase::Certify)?;
+                expected
+            });
+        };
+        let (target, findings, orthogonality) = self.examined(&columns, vectors, &count)?;
+        // Of no vectors there was nothing to examine.
+        count();
+        let expected = expected.into_inner().unwrap_or(Err(EigenError::Cancelled))?;
         let uncertified = EigenError::NotCertified { expected, found, residual: findings.residual };
         // Final values, not those that the cut was placed by: each pair then stands for an eigenvalue of its own below the cut.
         let below = findings.values.last().is_none_or(|last| *last < cut);
@@ -216,6 +230,30 @@ impl<'a> Solver<'a> {
             gap_above: self.gap_above(&findings.values, cut, last),
         };
         Ok(self.finish(target, &findings.values, certificate))
+    }
+
+    /// The vectors with room for the null space before them, what examining them found, and the largest entry of |Y' Y - I|. The count is made
+    /// meanwhile.
+    fn examined(
+        &self,
+        columns: &Columns<'_>,
+        mut vectors: Vectors<'_>,
+        count: &(dyn Fn() + Sync),
+    ) -> Result<(Vec<f64>, Findings, f64), EigenError> {
+        enter(self.hooks, Phase::Certify)?;
+        columns.polish(&mut vectors, self.options.tolerance, || {
+            enter(self.hooks, Phase::Factorise)?;
+            self.factorizer.factor(BELOW, self.hooks)
+        })?;
+        enter(self.hooks, Phase::Certify)?;
+        let orthogonality = columns.orthogonalise(&mut vectors)?;
+        // All that were found: only the final values tell which are wanted.
+        let (n, null) = (self.problem.n(), self.null.count.min(self.k));
+        let mut target = self.pool.take_back().unwrap_or_default();
+        target.resize(n * (null + vectors.len()), 0.0);
+        let room = &mut target[n * null..];
+        let findings = columns.examine(vectors, self.wanted(), self.options.tolerance, room, count)?;
+        Ok((target, findings, orthogonality))
     }
 
     /// From the last pair asked for to the next, relative to that.

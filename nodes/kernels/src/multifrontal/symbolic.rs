@@ -31,6 +31,7 @@ impl Supernode {
 }
 
 /// The pattern of a factor.
+#[derive(Clone)]
 pub(crate) struct Symbolic {
     pub nodes: Vec<Supernode>,
     /// The rows below each supernode, ascending.
