@@ -98,7 +98,9 @@ impl Factorizer {
         let Some(branches) = branches.into_iter().collect::<Option<Vec<Branch>>>() else { return Ok(None) };
         let all = |fronts: &mut Fronts| fronts.join(&matrix, &branches, &mut rest).map(|_| fronts.pivots.clone());
         let pivots = self.with_fronts(all);
-        branches.into_iter().for_each(|branch| self.left.give(branch));
+        for branch in branches {
+            self.left.give(branch);
+        }
         Ok(pivots)
     }
 
