@@ -3,17 +3,14 @@
 //! Passes go through the vertices in runs of [`RUN`], so that the eight vectors worked on stay in the cache while all panels go by; passes over
 //! many panels are bound by memory bandwidth. Large passes are made in parts, on the threads that the hooks lend.
 
-use super::panel::{
-    Block, Row, Rows, WIDTH, ZERO, add, add_gram, multiply_right, norm, product, subtract_multiple, subtract_product,
-};
+use super::panel::{Block, Row, Rows, WIDTH, ZERO, add, norm, product, subtract_multiple};
 use super::parts::Pass;
+use super::passes::{Nearest, Product, Products, Removal, Step, dispatch};
 use super::pool::{Panel, Panels, Pool, RUN, runs, runs_mut};
 use super::tiles::{replace_by_product, subtract_products};
 use super::{EigenError, Hooks};
 use crate::random::Random;
-use crate::simd::vectorised;
 use faer::MatRef;
-use std::hint::black_box;
 
 /// Panels that are looked at together.
 const GROUP: usize = 8;
@@ -53,7 +50,7 @@ impl Null {
 
     /// Removes them.
     #[inline(always)]
-    fn remove(&self, run: usize, w: &mut [Row], products: &[Row]) {
+    pub(super) fn remove(&self, run: usize, w: &mut [Row], products: &[Row]) {
         for ((&label, &unit), y) in self.rows(run).zip(w) {
             subtract_multiple(y, unit, &products[label as usize]);
         }
@@ -81,8 +78,8 @@ pub(super) struct Basis<'a> {
 pub(super) struct Near {
     /// With the last panel and the one before.
     pub last: [Block; 2],
-    null: Vec<Row>,
-    locked: Vec<Block>,
+    pub null: Vec<Row>,
+    pub locked: Vec<Block>,
     /// With the sketch of all others.
     pub sketch: Block,
     /// w' w.
@@ -100,20 +97,6 @@ impl Near {
         }
     }
 
-    #[inline(always)]
-    fn add(&mut self, run: usize, w: &[Row; RUN], nearest: [&[&Panel]; 2], sketch: &[Row; RUN], null: &Null) {
-        null.add_product(run, w, &mut self.null);
-        let [newest, locked] = nearest;
-        for (h, panel) in self.last.iter_mut().zip(newest) {
-            add_gram(h, &panel[run], w);
-        }
-        for (h, panel) in self.locked.iter_mut().zip(locked) {
-            add_gram(h, &panel[run], w);
-        }
-        add_gram(&mut self.gram, w, w);
-        add_gram(&mut self.sketch, sketch, w);
-    }
-
     /// The products over more rows.
     fn join(&mut self, other: &Self) {
         let blocks = self.last.iter_mut().chain(&mut self.locked).chain([&mut self.gram, &mut self.sketch]);
@@ -127,6 +110,13 @@ impl Near {
 /// Products with the first panels, of the last panel and of w.
 pub(super) struct Along {
     pub panels: Vec<[Block; 2]>,
+}
+
+impl Along {
+    /// Whether anything was found along the last panel.
+    pub fn is_paired(&self) -> bool {
+        self.panels.iter().any(|h| norm(&h[0]) > 0.0)
+    }
 }
 
 impl<'a> Basis<'a> {
@@ -163,18 +153,8 @@ impl<'a> Basis<'a> {
 
     /// V_j' w for the last panel j.
     pub fn diagonal(&self) -> Result<Block, EigenError> {
-        let pass = self.pass(1);
-        let parts = self.panels.newest()[0].chunks(pass.share).zip(runs(&self.work).chunks(pass.share));
-        pass.sum(ZERO, parts, add, |_, (last, work), diagonal| {
-            vectorised(
-                #[inline(always)]
-                || {
-                    for (v, w) in last.iter().zip(work) {
-                        add_gram(diagonal, v, w);
-                    }
-                },
-            );
-        })
+        let newest = self.panels.newest();
+        Ok(self.products(&newest[..1], None)?[0][1])
     }
 
     /// w -= V_j a + V_(j-1) b' for the last panel j, and the panel before joins the sketch after that.
@@ -182,43 +162,24 @@ impl<'a> Basis<'a> {
         let share = 1.0 / (WIDTH as f64).sqrt();
         let mut sign = || if self.signs.signed() < 0.0 { share } else { -share };
         let signs: Block = std::array::from_fn(|_| std::array::from_fn(|_| sign()));
-        let (newest, locked) = (self.panels.newest(), self.pool.split(&self.locked));
-        let pass = self.pass(2 * newest.len() + locked.len() + 3);
-        let work = runs_mut(&mut self.work).chunks_mut(pass.share);
-        let parts = work.zip(runs_mut(&mut self.sketch).chunks_mut(pass.share));
-        pass.sum(Near::none(self.null, locked.len()), parts, Near::join, |first, (work, sketch), near| {
-            vectorised(
-                #[inline(always)]
-                || {
-                    for (run, (w, sketch)) in (first..).zip(work.iter_mut().zip(sketch)) {
-                        subtract_product(w, &newest[0][run], diagonal);
-                        if let Some(b) = before {
-                            subtract_product(w, &newest[1][run], b);
-                        }
-                        near.add(run, w, [&newest, &locked], sketch, self.null);
-                        if let Some(before) = newest.get(1) {
-                            subtract_product(sketch, &before[run], &signs);
-                        }
-                    }
-                },
-            );
-        })
+        self.nearest(Some(&Step { diagonal, before, signs }))
     }
 
     /// Products with what is nearest.
-    pub fn near(&self) -> Result<Near, EigenError> {
+    pub fn near(&mut self) -> Result<Near, EigenError> {
+        self.nearest(None)
+    }
+
+    /// The same after a step, if there is one.
+    fn nearest(&mut self, step: Option<&Step<'_>>) -> Result<Near, EigenError> {
         let (newest, locked) = (self.panels.newest(), self.pool.split(&self.locked));
-        let pass = self.pass(newest.len() + locked.len() + 2);
-        let parts = runs(&self.work).chunks(pass.share).zip(runs(&self.sketch).chunks(pass.share));
-        pass.sum(Near::none(self.null, locked.len()), parts, Near::join, |first, (work, sketch), near| {
-            vectorised(
-                #[inline(always)]
-                || {
-                    for (run, (w, sketch)) in (first..).zip(work.iter().zip(sketch)) {
-                        near.add(run, w, [&newest, &locked], sketch, self.null);
-                    }
-                },
-            );
+        let steps = if step.is_some() { newest.len() + 1 } else { 0 };
+        let (pass, null) = (self.pass(steps + newest.len() + locked.len() + 2), self.null);
+        let work = runs_mut(&mut self.work).chunks_mut(pass.share);
+        let parts = work.zip(runs_mut(&mut self.sketch).chunks_mut(pass.share));
+        pass.sum(Near::none(null, locked.len()), parts, Near::join, |first, (work, sketch), near| {
+            let (newest, locked) = (&newest, &locked);
+            dispatch(Nearest { step, newest, locked, null, work, sketch, first, near });
         })
     }
 
@@ -251,70 +212,21 @@ impl<'a> Basis<'a> {
             pairs.for_each(|(sum, other)| add(sum, other));
         };
         pass.sum(zero, runs(&self.work).chunks(pass.share), join, |first, work, sums| {
-            let mut touched = 0.0;
-            vectorised(
-                #[inline(always)]
-                || {
-                    for (run, w) in (first..).zip(work) {
-                        for (p, (h, panel)) in sums.iter_mut().zip(panels).enumerate() {
-                            touched += touch_next(panels, p, run);
-                            if let Some(last) = last {
-                                add_gram(&mut h[0], &panel[run], &last[run]);
-                            }
-                            add_gram(&mut h[1], &panel[run], w);
-                        }
-                    }
-                },
-            );
-            black_box(touched);
+            dispatch(Products { panels, last, work, first, sums });
         })
     }
 
     /// Removes what was found from the last panel and from w, then w <- w h; returns w' w.
     pub fn remove(&mut self, near: &Near, along: &Along, h: Option<&Block>) -> Result<Block, EigenError> {
-        let paired = along.panels.iter().any(|h| norm(&h[0]) > 0.0);
-        let pass = self.pass(along.panels.len() * (1 + usize::from(paired)) + 4);
+        let pass = self.pass(along.panels.len() * (1 + usize::from(along.is_paired())) + 4);
         let (null, locked) = (self.null, self.pool.split(&self.locked));
         let (older, last) = self.panels.split().unwrap_or_default();
         // There is none at first.
         let mut last = last.chunks_mut(pass.share);
         let parts = runs_mut(&mut self.work).chunks_mut(pass.share).map(|work| (work, last.next().unwrap_or_default()));
         pass.sum(ZERO, parts, add, |first, (work, last), gram| {
-            let mut touched = 0.0;
-            vectorised(
-                #[inline(always)]
-                || {
-                    for (i, w) in work.iter_mut().enumerate() {
-                        let run = first + i;
-                        null.remove(run, w, &near.null);
-                        // What was found along all panels holds what is along these.
-                        if along.panels.is_empty() {
-                            for (h, panel) in near.locked.iter().zip(&locked) {
-                                subtract_product(w, &panel[run], h);
-                            }
-                        }
-                        if let Some(before) = older.last() {
-                            subtract_product(w, &before[run], &near.last[1]);
-                        }
-                        if let Some(last) = last.get_mut(i) {
-                            subtract_product(w, last, &near.last[0]);
-                            let older = &older[..along.panels.len()];
-                            for (p, (h, panel)) in along.panels.iter().zip(older).enumerate() {
-                                touched += touch_next(older, p, run);
-                                if paired {
-                                    subtract_product(last, &panel[run], &h[0]);
-                                }
-                                subtract_product(w, &panel[run], &h[1]);
-                            }
-                        }
-                        if let Some(h) = h {
-                            multiply_right(w, h);
-                        }
-                        add_gram(gram, w, w);
-                    }
-                },
-            );
-            black_box(touched);
+            let (older, locked) = (&older, &locked);
+            dispatch(Removal { near, along, older, last, locked, null, work, first, h, gram });
         })
     }
 
@@ -322,15 +234,7 @@ impl<'a> Basis<'a> {
     pub fn multiply(&mut self, h: &Block) -> Result<Block, EigenError> {
         let pass = self.pass(2);
         pass.sum(ZERO, runs_mut(&mut self.work).chunks_mut(pass.share), add, |_, work, gram| {
-            vectorised(
-                #[inline(always)]
-                || {
-                    for w in work {
-                        multiply_right(w, h);
-                        add_gram(gram, w, w);
-                    }
-                },
-            );
+            dispatch(Product { work, h, gram: Some(gram), copy: None });
         })
     }
 
@@ -341,17 +245,7 @@ impl<'a> Basis<'a> {
         let pass = self.pass(3);
         let (_, last) = self.panels.split().unwrap_or_default();
         let parts = runs_mut(&mut self.work).chunks_mut(pass.share).zip(last.chunks_mut(pass.share));
-        pass.run(parts, |_, (work, last)| {
-            vectorised(
-                #[inline(always)]
-                || {
-                    for (w, v) in work.iter_mut().zip(last) {
-                        multiply_right(w, h);
-                        *v = *w;
-                    }
-                },
-            );
-        })
+        pass.run(parts, |_, (work, last)| dispatch(Product { work, h, gram: None, copy: Some(last) }))
     }
 
     /// Locks V c; c has eight rows for each of the first panels, and columns in eights.
@@ -378,12 +272,4 @@ impl<'a> Basis<'a> {
         self.panels.truncate(c.ncols() / WIDTH);
         Ok(self.panels)
     }
-}
-
-/// Reads a number of each row that comes next when all panels go by run by run: memory then arrives while the rows at hand are worked on. Half as fast
-/// again as without, for panels beyond the cache. To be handed to a `black_box`.
-#[inline(always)]
-fn touch_next(panels: &[&Panel], p: usize, run: usize) -> f64 {
-    let next = panels.get(p + 1).map_or_else(|| panels[0].get(run + 1), |panel| panel.get(run));
-    next.map_or(0.0, |rows| rows.iter().map(|row| row[0]).sum())
 }

@@ -46,57 +46,6 @@ pub(crate) fn subtract_multiple(y: &mut Row, l: f64, x: &Row) {
     }
 }
 
-/// h += a' w.
-#[inline(always)]
-pub(crate) fn add_gram(h: &mut Block, a: &[Row], w: &[Row]) {
-    let mut sum = ZERO;
-    for (x, y) in a.iter().zip(w) {
-        for i in 0..WIDTH {
-            for q in 0..WIDTH {
-                sum[i][q] = x[i].mul_add(y[q], sum[i][q]);
-            }
-        }
-    }
-    add(h, &sum);
-}
-
-/// w -= a h.
-#[inline(always)]
-pub(crate) fn subtract_product(w: &mut [Row], a: &[Row], h: &Block) {
-    // Eight rows in flight, so that products do not wait for each other.
-    let (w8, w1) = w.as_chunks_mut::<8>();
-    let (a8, a1) = a.as_chunks::<8>();
-    for (y, x) in w8.iter_mut().zip(a8) {
-        let mut rows = *y;
-        for i in 0..WIDTH {
-            for r in 0..8 {
-                subtract_multiple(&mut rows[r], x[r][i], &h[i]);
-            }
-        }
-        *y = rows;
-    }
-    for (y, x) in w1.iter_mut().zip(a1) {
-        for i in 0..WIDTH {
-            subtract_multiple(y, x[i], &h[i]);
-        }
-    }
-}
-
-/// w <- w h.
-#[inline(always)]
-pub(crate) fn multiply_right(w: &mut [Row], h: &Block) {
-    for y in w {
-        let x = *y;
-        let mut row = [0.0; WIDTH];
-        for i in 0..WIDTH {
-            for q in 0..WIDTH {
-                row[q] = x[i].mul_add(h[i][q], row[q]);
-            }
-        }
-        *y = row;
-    }
-}
-
 pub(crate) fn add(a: &mut Block, b: &Block) {
     for (x, y) in a.as_flattened_mut().iter_mut().zip(b.as_flattened()) {
         *x += y;

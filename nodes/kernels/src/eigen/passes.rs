@@ -1,0 +1,188 @@
+//! What passes over a basis do with the runs of a part.
+
+use super::basis::{Along, Near, Null};
+use super::panel::{Block, ZERO, add, transposed};
+use super::pool::Panel;
+use super::rows::{Run, add_products, multiply_right, subtract_products};
+use pulp::{Arch, Simd, WithSimd};
+
+/// Runs a pass in the widest instructions that the processor has.
+pub(super) fn dispatch(pass: impl WithSimd<Output = ()>) {
+    Arch::new().dispatch(pass);
+}
+
+/// The run that comes after panel p's when all panels go by run by run.
+fn next<'p>(panels: &[&'p Panel], p: usize, run: usize) -> Option<&'p Run> {
+    panels.get(p + 1).map_or_else(|| panels[0].get(run + 1), |panel| panel.get(run))
+}
+
+/// Adds the products of panels with the last one, if it is given, and with w.
+pub(super) struct Products<'a> {
+    pub panels: &'a [&'a Panel],
+    pub last: Option<&'a Panel>,
+    pub work: &'a Panel,
+    /// Number of the first run of `work`.
+    pub first: usize,
+    pub sums: &'a mut [[Block; 2]],
+}
+
+impl WithSimd for Products<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        for (run, w) in (self.first..).zip(self.work) {
+            for (p, ([g, h], panel)) in self.sums.iter_mut().zip(self.panels).enumerate() {
+                let ahead = next(self.panels, p, run);
+                if let Some(last) = self.last {
+                    add_products(simd, &panel[run], [&last[run], w], [g, h], ahead);
+                } else {
+                    add_products(simd, &panel[run], [w], [h], ahead);
+                }
+            }
+        }
+    }
+}
+
+/// A step of the recurrence: w -= V_j a + V_(j-1) b'.
+pub(super) struct Step<'a> {
+    pub diagonal: &'a Block,
+    pub before: Option<&'a Block>,
+    /// V_(j-1) joins the sketch after that, times minus these.
+    pub signs: Block,
+}
+
+/// Makes a step, if there is one, and adds the products of w with what is nearest to it.
+pub(super) struct Nearest<'a> {
+    pub step: Option<&'a Step<'a>>,
+    /// The last panel and the one before.
+    pub newest: &'a [&'a Panel],
+    pub locked: &'a [&'a Panel],
+    pub null: &'a Null,
+    pub work: &'a mut Panel,
+    pub sketch: &'a mut Panel,
+    /// Number of the first run of `work`.
+    pub first: usize,
+    pub near: &'a mut Near,
+}
+
+impl WithSimd for Nearest<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { step, newest, locked, null, work, sketch, first, near } = self;
+        // Of w' x, as x' w would load entries of every x.
+        let mut sums = vec![ZERO; newest.len() + locked.len() + 2];
+        for (run, (w, sketch)) in (first..).zip(work.iter_mut().zip(sketch)) {
+            if let Some(step) = step {
+                subtract_products(simd, [w], &newest[0][run], [step.diagonal], None);
+                if let (Some(before), Some(b)) = (newest.get(1), step.before) {
+                    subtract_products(simd, [w], &before[run], [b], None);
+                }
+            }
+            null.add_product(run, w, &mut near.null);
+            let x = |p: usize| {
+                let panel = newest.get(p).or_else(|| locked.get(p - newest.len()));
+                panel.map_or(if p == newest.len() + locked.len() { &*sketch } else { &*w }, |panel| &panel[run])
+            };
+            for (sums, p) in sums.chunks_mut(3).zip((0..).step_by(3)) {
+                match sums {
+                    [a, b, c] => add_products(simd, w, [x(p), x(p + 1), x(p + 2)], [a, b, c], None),
+                    [a, b] => add_products(simd, w, [x(p), x(p + 1)], [a, b], None),
+                    [a] => add_products(simd, w, [x(p)], [a], None),
+                    _ => {}
+                }
+            }
+            if let (Some(step), Some(before)) = (step, newest.get(1)) {
+                subtract_products(simd, [sketch], &before[run], [&step.signs], None);
+            }
+        }
+        let targets = near.last.iter_mut().take(newest.len()).chain(&mut near.locked);
+        let targets = targets.chain([&mut near.sketch, &mut near.gram]);
+        targets.zip(&sums).for_each(|(h, sum)| add(h, &transposed(sum)));
+    }
+}
+
+/// Removes what was found from w, and from the last panel if something was found there; then w <- w h, and w' w is added.
+pub(super) struct Removal<'a> {
+    pub near: &'a Near,
+    pub along: &'a Along,
+    /// The panels before the last, and it.
+    pub older: &'a [&'a Panel],
+    pub last: &'a mut Panel,
+    pub locked: &'a [&'a Panel],
+    pub null: &'a Null,
+    pub work: &'a mut Panel,
+    /// Number of the first run of `work`.
+    pub first: usize,
+    pub h: Option<&'a Block>,
+    pub gram: &'a mut Block,
+}
+
+impl WithSimd for Removal<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { near, along, older, last, locked, null, work, first, h, gram } = self;
+        let paired = along.is_paired();
+        let mut last = last.iter_mut();
+        for (run, w) in (first..).zip(work) {
+            null.remove(run, w, &near.null);
+            // What was found along all panels holds what is along these.
+            if along.panels.is_empty() {
+                for (h, panel) in near.locked.iter().zip(locked) {
+                    subtract_products(simd, [w], &panel[run], [h], None);
+                }
+            }
+            if let Some(before) = older.last() {
+                subtract_products(simd, [w], &before[run], [&near.last[1]], None);
+            }
+            // There is none at first.
+            if let Some(last) = last.next() {
+                subtract_products(simd, [w], last, [&near.last[0]], None);
+                let older = &older[..along.panels.len()];
+                for (p, ([g, h], panel)) in along.panels.iter().zip(older).enumerate() {
+                    let ahead = next(older, p, run);
+                    if paired {
+                        subtract_products(simd, [last, w], &panel[run], [g, h], ahead);
+                    } else {
+                        subtract_products(simd, [w], &panel[run], [h], ahead);
+                    }
+                }
+            }
+            if let Some(h) = h {
+                multiply_right(simd, w, h);
+            }
+            add_products(simd, w, [w], [gram], None);
+        }
+    }
+}
+
+/// w <- w h; then w' w is added, or w is copied.
+pub(super) struct Product<'a> {
+    pub work: &'a mut Panel,
+    pub h: &'a Block,
+    pub gram: Option<&'a mut Block>,
+    pub copy: Option<&'a mut Panel>,
+}
+
+impl WithSimd for Product<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { work, h, mut gram, copy } = self;
+        let mut copy = copy.map(|copy| copy.iter_mut());
+        for w in work {
+            multiply_right(simd, w, h);
+            if let Some(gram) = &mut gram {
+                add_products(simd, w, [w], [gram], None);
+            }
+            if let Some(copy) = copy.as_mut().and_then(Iterator::next) {
+                *copy = *w;
+            }
+        }
+    }
+}
