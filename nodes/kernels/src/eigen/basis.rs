@@ -40,11 +40,16 @@ impl Null {
     /// Adds the products with w.
     #[inline(always)]
     pub(super) fn add_product(&self, run: usize, w: &[Row], sums: &mut [Row]) {
-        for ((&label, &unit), y) in self.rows(run).zip(w) {
-            let sum = &mut sums[label as usize];
-            for q in 0..WIDTH {
-                sum[q] = unit.mul_add(y[q], sum[q]);
+        let mut rows = self.rows(run).zip(w).peekable();
+        // Rows of one component mostly follow each other: their sum stays in a register.
+        while let Some(&((&label, _), _)) = rows.peek() {
+            let mut sum = sums[label as usize];
+            while let Some(((_, &unit), y)) = rows.next_if(|((of, _), _)| **of == label) {
+                for q in 0..WIDTH {
+                    sum[q] = unit.mul_add(y[q], sum[q]);
+                }
             }
+            sums[label as usize] = sum;
         }
     }
 

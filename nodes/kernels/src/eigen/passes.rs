@@ -16,6 +16,12 @@ fn next<'p>(panels: &[&'p Panel], p: usize, run: usize) -> Option<&'p Run> {
     panels.get(p + 1).map_or_else(|| panels[0].get(run + 1), |panel| panel.get(run))
 }
 
+/// A run, and the one after it.
+fn with_next(panel: &mut Panel, run: usize) -> (&mut Run, Option<&Run>) {
+    let (begin, end) = panel.split_at_mut(run + 1);
+    (&mut begin[run], end.first())
+}
+
 /// Adds the products of panels with the last one, if it is given, and with w.
 pub(super) struct Products<'a> {
     pub panels: &'a [&'a Panel],
@@ -74,11 +80,13 @@ impl WithSimd for Nearest<'_> {
         let Self { step, newest, locked, null, work, sketch, first, near } = self;
         // Of w' x, as x' w would load entries of every x.
         let mut sums = vec![ZERO; newest.len() + locked.len() + 2];
-        for (run, (w, sketch)) in (first..).zip(work.iter_mut().zip(sketch)) {
+        for i in 0..work.len() {
+            let run = first + i;
+            let ((w, _), (sketch, sketch_ahead)) = (with_next(work, i), with_next(sketch, i));
             if let Some(step) = step {
-                subtract_products(simd, [w], &newest[0][run], [step.diagonal], None);
+                subtract_products(simd, [w], &newest[0][run], [step.diagonal], newest[0].get(run + 1));
                 if let (Some(before), Some(b)) = (newest.get(1), step.before) {
-                    subtract_products(simd, [w], &before[run], [b], None);
+                    subtract_products(simd, [w], &before[run], [b], before.get(run + 1));
                 }
             }
             null.add_product(run, w, &mut near.null);
@@ -86,16 +94,17 @@ impl WithSimd for Nearest<'_> {
                 let panel = newest.get(p).or_else(|| locked.get(p - newest.len()));
                 panel.map_or(if p == newest.len() + locked.len() { &*sketch } else { &*w }, |panel| &panel[run])
             };
-            for (sums, p) in sums.chunks_mut(3).zip((0..).step_by(3)) {
+            for (t, sums) in sums.chunks_mut(3).enumerate() {
+                let (p, ahead) = (3 * t, locked.get(t).and_then(|panel| panel.get(run + 1)));
                 match sums {
-                    [a, b, c] => add_products(simd, w, [x(p), x(p + 1), x(p + 2)], [a, b, c], None),
-                    [a, b] => add_products(simd, w, [x(p), x(p + 1)], [a, b], None),
-                    [a] => add_products(simd, w, [x(p)], [a], None),
+                    [a, b, c] => add_products(simd, w, [x(p), x(p + 1), x(p + 2)], [a, b, c], ahead),
+                    [a, b] => add_products(simd, w, [x(p), x(p + 1)], [a, b], ahead),
+                    [a] => add_products(simd, w, [x(p)], [a], ahead),
                     _ => {}
                 }
             }
             if let (Some(step), Some(before)) = (step, newest.get(1)) {
-                subtract_products(simd, [sketch], &before[run], [&step.signs], None);
+                subtract_products(simd, [sketch], &before[run], [&step.signs], sketch_ahead);
             }
         }
         let targets = near.last.iter_mut().take(newest.len()).chain(&mut near.locked);
@@ -127,21 +136,22 @@ impl WithSimd for Removal<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { near, along, older, last, locked, null, work, first, h, gram } = self;
         let paired = along.is_paired();
-        let mut last = last.iter_mut();
-        for (run, w) in (first..).zip(work) {
+        for (i, w) in work.iter_mut().enumerate() {
+            let run = first + i;
             null.remove(run, w, &near.null);
             // What was found along all panels holds what is along these.
             if along.panels.is_empty() {
                 for (h, panel) in near.locked.iter().zip(locked) {
-                    subtract_products(simd, [w], &panel[run], [h], None);
+                    subtract_products(simd, [w], &panel[run], [h], panel.get(run + 1));
                 }
             }
             if let Some(before) = older.last() {
-                subtract_products(simd, [w], &before[run], [&near.last[1]], None);
+                subtract_products(simd, [w], &before[run], [&near.last[1]], before.get(run + 1));
             }
             // There is none at first.
-            if let Some(last) = last.next() {
-                subtract_products(simd, [w], last, [&near.last[0]], None);
+            if i < last.len() {
+                let (last, ahead) = with_next(last, i);
+                subtract_products(simd, [w], last, [&near.last[0]], ahead);
                 let older = &older[..along.panels.len()];
                 for (p, ([g, h], panel)) in along.panels.iter().zip(older).enumerate() {
                     let ahead = next(older, p, run);
