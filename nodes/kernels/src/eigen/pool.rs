@@ -5,8 +5,9 @@ use super::panel::{Row, Rows, WIDTH};
 use super::spare::Spare;
 use std::slice::{ChunksExact, ChunksExactMut};
 
-/// Vertices per run: a panel of it is 16 KiB, a third of a first-level cache.
-pub(super) const RUN: usize = 256;
+/// Vertices per run: a panel of it is 8 KiB, a sixth of a first-level cache. Measured: 64 to 512 are the same on 10,000 vertices; on 1,093 the rows that
+/// fill the last run up take a tenth of the time with 256.
+pub(super) const RUN: usize = 128;
 
 /// Panels that are allocated together, after those that stay.
 const CHUNK: usize = 8;

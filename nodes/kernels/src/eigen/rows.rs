@@ -110,3 +110,88 @@ pub(super) fn multiply_right<S: Simd>(simd: S, w: &mut Run, h: &Block) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+    use pulp::WithSimd;
+
+    /// Everything once: products of the first run with the others, then these without them, then the last one times a block.
+    struct All<'a> {
+        runs: &'a mut [Run],
+        sums: &'a mut [Block; 3],
+    }
+
+    impl WithSimd for All<'_> {
+        type Output = ();
+
+        fn with_simd<S: Simd>(self, simd: S) {
+            let (first, others) = self.runs.split_at_mut(1);
+            let [a, b, c] = self.sums;
+            let [x, y, z] = others else { panic!("three") };
+            add_products(simd, &first[0], [x, y], [a, b], Some(z));
+            add_products(simd, &first[0], [z], [c], None);
+            subtract_products(simd, [x, y], &first[0], [a, b], None);
+            subtract_products(simd, [z], &first[0], [c], Some(x));
+            multiply_right(simd, z, a);
+        }
+    }
+
+    fn random_runs() -> Vec<Run> {
+        let mut random = Random::from_state(17);
+        let mut runs = vec![[[0.0; WIDTH]; RUN]; 4];
+        runs.as_flattened_mut().as_flattened_mut().fill_with(|| random.signed() / (RUN as f64).sqrt());
+        runs
+    }
+
+    /// x' y.
+    fn gram(x: &Run, y: &Run) -> Block {
+        let entry = |i: usize, q: usize| x.iter().zip(y).map(|(x, y)| x[i] * y[q]).sum();
+        std::array::from_fn(|i| std::array::from_fn(|q| entry(i, q)))
+    }
+
+    /// x h.
+    fn times(x: &Row, h: &Block) -> Row {
+        std::array::from_fn(|q| (0..WIDTH).map(|i| x[i] * h[i][q]).sum())
+    }
+
+    fn distance(a: &[Row], b: &[Row]) -> f64 {
+        a.as_flattened().iter().zip(b.as_flattened()).fold(0.0, |m, (x, y)| m.max((x - y).abs()))
+    }
+
+    #[test]
+    fn products_are_those_of_plain_loops() {
+        let (mut runs, before, mut sums) = (random_runs(), random_runs(), [[[1.0; WIDTH]; WIDTH]; 3]);
+        pulp::Arch::new().dispatch(All { runs: &mut runs, sums: &mut sums });
+        for (c, sum) in sums.iter().enumerate() {
+            let expected = gram(&before[0], &before[c + 1]).map(|row| row.map(|x| x + 1.0));
+            assert!(distance(sum, &expected) < 1e-14);
+            let rest: Vec<Row> = before[0]
+                .iter()
+                .zip(&before[c + 1])
+                .map(|(x, y)| {
+                    let product = times(x, sum);
+                    std::array::from_fn(|q| y[q] - product[q])
+                })
+                .map(|row| if c == 2 { times(&row, &sums[0]) } else { row })
+                .collect();
+            assert!(distance(&runs[c + 1], &rest) < 1e-13);
+        }
+        assert!(runs[0] == before[0]);
+    }
+
+    #[test]
+    fn the_width_of_registers_changes_no_bit() {
+        fn results<S: Simd>(simd: S) -> (Vec<Run>, [Block; 3]) {
+            let (mut runs, mut sums) = (random_runs(), [[[0.5; WIDTH]; WIDTH]; 3]);
+            All { runs: &mut runs, sums: &mut sums }.with_simd(simd);
+            (runs, sums)
+        }
+        let widest = results(pulp::Scalar512b);
+        assert!(results(pulp::Scalar256b) == widest && results(pulp::Scalar) == widest);
+        let (mut runs, mut sums) = (random_runs(), [[[0.5; WIDTH]; WIDTH]; 3]);
+        pulp::Arch::new().dispatch(All { runs: &mut runs, sums: &mut sums });
+        assert!((runs, sums) == widest);
+    }
+}
