@@ -8,6 +8,7 @@ use serde_json::Value;
 
 use crate::error::NodeError;
 use crate::memo::ItemKey;
+use crate::threads;
 
 /// What the host of a node offers. The engine implements it; tests use [`crate::testing`].
 pub trait Host: Sync {
@@ -101,32 +102,19 @@ impl<'a> Context<'a> {
         items: &[T],
         f: impl Fn(usize, &T) -> Result<R, NodeError> + Sync,
     ) -> Result<Vec<R>, NodeError> {
-        let wanted = items.len().saturating_sub(1);
-        let extra = Borrowed::new(self.host, wanted);
-        let next = AtomicUsize::new(0);
+        let extra = Borrowed::new(self.host, items.len().saturating_sub(1));
+        // Of the items after one that failed, those that were not begun are left out.
+        let first_failed = AtomicUsize::new(usize::MAX);
         let results: Vec<Mutex<Option<Result<R, NodeError>>>> = items.iter().map(|_| Mutex::new(None)).collect();
-        let work = || {
-            loop {
-                let i = next.fetch_add(1, Ordering::Relaxed);
-                let Some(item) = items.get(i) else { break };
-                let result = if self.cancelled() { Err(NodeError::cancelled()) } else { f(i, item) };
-                let failed = result.is_err();
-                *results[i].lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
-                if failed {
-                    // Items before this one are already taken, so the lowest error is still found.
-                    next.store(items.len(), Ordering::Relaxed);
-                }
+        threads::each(extra.count, items.len(), &|i| {
+            if i > first_failed.load(Ordering::Relaxed) {
+                return;
             }
-        };
-        std::thread::scope(|scope| {
-            let threads: Vec<_> = (0..extra.count).map(|_| scope.spawn(work)).collect();
-            work();
-            // A scope that joins by itself replaces the message of a panic by one of its own.
-            for thread in threads {
-                if let Err(panic) = thread.join() {
-                    std::panic::resume_unwind(panic);
-                }
+            let result = if self.cancelled() { Err(NodeError::cancelled()) } else { f(i, &items[i]) };
+            if result.is_err() {
+                first_failed.fetch_min(i, Ordering::Relaxed);
             }
+            *results[i].lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
         });
         let taken = results.into_iter().map_while(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner));
         taken.collect()

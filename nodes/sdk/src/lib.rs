@@ -14,6 +14,7 @@
 //! | [`mesh`] | [`Mesh`] and its [`Defect`]s: the one artefact that many nodes make |
 //! | [`registry`] | [`Registry`]: all kinds of node that a host offers |
 //! | [`view`] | [`View`]: what can be seen of an artefact, for reports |
+//! | [`threads`] | threads for tasks that are shorter than it takes to start one |
 //! | [`testing`] | running one node in memory, for tests |
 //!
 //! A node touches no file, clock, environment variable or global: it reads through its [`Context`],
@@ -31,6 +32,7 @@ pub mod params;
 pub mod port;
 pub mod registry;
 pub mod testing;
+pub mod threads;
 pub mod view;
 
 pub use artefact::{AnyArtefact, Artefact, ArtefactType, Place, Table};

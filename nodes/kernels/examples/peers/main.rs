@@ -20,6 +20,7 @@ use mesh::Mesh;
 use meter::{Cost, measured};
 use salient_kernels::eigen::{Hooks, Options, eigenpairs};
 use salient_kernels::laplacian::{Area, laplacian};
+use salient_sdk::threads;
 use std::error::Error;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -75,20 +76,7 @@ impl Hooks for Threads {
         };
         // It cannot fail.
         let _idle = self.idle.fetch_update(Ordering::Relaxed, Ordering::Relaxed, left);
-        let next = AtomicUsize::new(0);
-        let work = || {
-            loop {
-                let i = next.fetch_add(1, Ordering::Relaxed);
-                if i >= count {
-                    break;
-                }
-                task(i);
-            }
-        };
-        std::thread::scope(|scope| {
-            (0..lent).for_each(|_| drop(scope.spawn(work)));
-            work();
-        });
+        threads::each(lent, count, task);
         self.idle.fetch_add(lent, Ordering::Relaxed);
     }
 }
