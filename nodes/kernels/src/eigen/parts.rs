@@ -12,7 +12,7 @@ const PARTS: usize = 4;
 
 /// Products of a row with a block that are worth a thread: they take 0.2 ms, and lending one takes 0.02 to 0.05, as does getting rows from another
 /// processor's cache. Measured at 10,000 vertices: half of it, or twice as much, costs 1 ms of 62.
-const GRAIN: usize = 1 << 14;
+const GRAIN: usize = 1 << 13;
 
 /// What a mutex holds; a task that panics takes the whole computation with it anyway.
 pub(super) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
