@@ -63,7 +63,7 @@ impl Factorizer {
         let (own, rest) = packed.pieces(&self.branches);
         let pivots =
             self.pivots(shift, hooks, own, rest)?.ok_or(EigenError::Factorisation { shift: shift / self.area })?;
-        packed.invert(&pivots);
+        packed.invert(pivots);
         Ok(packed)
     }
 

@@ -124,8 +124,8 @@ impl Packed {
     }
 
     /// Takes the diagonal of D.
-    pub fn invert(&mut self, pivots: &[f64]) {
-        self.inverse_pivots = pivots.iter().map(|p| 1.0 / p).collect();
+    pub fn invert(&mut self, pivots: Vec<f64>) {
+        self.inverse_pivots = pivots.into_iter().map(|p| 1.0 / p).collect();
     }
 
     /// The number of negative pivots.
