@@ -33,6 +33,7 @@ mod tree;
 mod twisted;
 mod vectors;
 
+use crate::freed;
 use crate::laplacian::Operator;
 use problem::Problem;
 use solver::solve;
@@ -264,6 +265,7 @@ pub fn eigenpairs(
     if operator.mass.len() != n {
         return Err(EigenError::MassLength { rows: n, masses: operator.mass.len() });
     }
+    freed::keep();
     let problem = Problem::new(&operator.stiffness, &operator.mass)?;
     solve(&problem, k, options, hooks)
 }

@@ -1,11 +1,12 @@
 //! Numerical kernels for spectral shape analysis: pure functions on plain arrays, no files, no threads, no global state but memory
-//! that a thread keeps from one patch spectrum to the next.
+//! that a thread keeps from one patch spectrum to the next, and how much freed memory the allocator keeps.
 
 pub mod adjacency;
 pub mod assignment;
 pub mod creature;
 pub mod disc;
 pub mod eigen;
+mod freed;
 pub mod geodesic;
 mod heap;
 pub mod laplacian;

@@ -10,7 +10,7 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex};
 
 /// Merging small supernodes costs some fill and pays in every solve; measured on meshes of 1,000 to 170,000 vertices.
-const RELAXED: [(usize, f64); 4] = [(4, 0.5), (16, 0.2), (48, 0.05), (usize::MAX, 0.02)];
+const RELAXED: [(usize, f64); 4] = [(8, 0.7), (16, 0.2), (48, 0.05), (usize::MAX, 0.02)];
 
 /// Branches of the elimination tree have at most this share of all work, so that threads finish at about the same time.
 const SHARE: f64 = 0.12;
@@ -63,7 +63,7 @@ impl Factorizer {
         let (own, rest) = packed.pieces(&self.branches);
         let pivots =
             self.pivots(shift, hooks, own, rest)?.ok_or(EigenError::Factorisation { shift: shift / self.area })?;
-        packed.invert(&pivots);
+        packed.invert(pivots);
         Ok(packed)
     }
 

@@ -124,8 +124,8 @@ impl Packed {
     }
 
     /// Takes the diagonal of D.
-    pub fn invert(&mut self, pivots: &[f64]) {
-        self.inverse_pivots = pivots.iter().map(|p| 1.0 / p).collect();
+    pub fn invert(&mut self, pivots: Vec<f64>) {
+        self.inverse_pivots = pivots.into_iter().map(|p| 1.0 / p).collect();
     }
 
     /// The number of negative pivots.
@@ -209,8 +209,7 @@ impl Packed {
         let begin = node.begin - at.columns.start + at.place;
         let (head, after) = x.split_at_mut((begin + width) * parts);
         let (square, below) = self.values[value_starts[s]..value_starts[s + 1]].split_at(width * width);
-        let rows = &tree.rows[node.below()];
-        let (near, far) = rows.split_at(tree.inner(s, rows.len()));
+        let (near, far) = tree.rows(symbolic, s);
         let (near_entries, far_entries) = below.split_at(near.len() * width);
         Node {
             width,

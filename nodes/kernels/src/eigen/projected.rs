@@ -31,7 +31,7 @@ impl Projected {
     /// The eigenpairs that are to be judged.
     pub fn to_judge(recurrence: &Recurrence, reach: &Reach, shift: f64) -> Result<Self, EigenError> {
         // Theta = 1 / (lambda - shift): from the lowest upwards one goes down from the shift, and from the highest downwards up from it.
-        let at = |value: f64| 1.0 / (value - shift);
+        let (n, at) = (order(recurrence), |value: f64| 1.0 / (value - shift));
         let ends = |below: &dyn Fn(f64) -> usize| {
             let low = match reach.below {
                 Side::Count(count) => count,
@@ -39,7 +39,7 @@ impl Projected {
             };
             let high = match reach.above {
                 Side::Count(count) => count,
-                Side::Until(value) => below(f64::INFINITY) - below(at(value)),
+                Side::Until(value) => n - below(at(value)),
             };
             [low + BEYOND[0], high + BEYOND[1]]
         };
@@ -57,20 +57,20 @@ impl Projected {
             return Ok(found);
         }
         let (values, vectors) = symmetric_eigen(recurrence.matrix().as_ref())?;
-        let columns = columns(&|x| values.partition_point(|value| *value < x), ends);
+        let columns = columns(values.len(), &|x| values.partition_point(|value| *value < x), ends);
         let picked = Mat::from_fn(values.len(), columns.len(), |i, j| vectors[(i, columns[j])]);
         Ok(Self { values: columns.iter().map(|&column| values[column]).collect(), vectors: picked })
     }
 
     /// The same for a T that is a band matrix, and where no two of the eigenvalues are equal up to rounding; nothing elsewhere.
     fn banded(recurrence: &Recurrence, ends: Ends<'_>) -> Option<Self> {
-        let n = WIDTH * recurrence.diagonal.len();
+        let n = order(recurrence);
         let form = Tridiagonalised::new(n, recurrence.band()?);
         let sturm = Tridiagonal::new(&form.diagonal, &form.off);
         if !sturm.norm.is_finite() {
             return None;
         }
-        let columns = columns(&|x| sturm.below(&[[x; WIDTH]])[0][0] as usize, ends);
+        let columns = columns(n, &|x| sturm.below(&[[x; WIDTH]])[0][0] as usize, ends);
         let bracket = |&column: &usize| Bracket { number: column as f64, low: -sturm.norm, high: sturm.norm };
         let values = sturm.bisect(columns.iter().map(bracket).collect());
         let mut vectors = Mat::zeros(n, values.len());
@@ -93,9 +93,14 @@ impl Projected {
 /// How many eigenpairs at the lower and at the upper end, from how many are below a number.
 type Ends<'a> = &'a dyn Fn(&dyn Fn(f64) -> usize) -> [usize; 2];
 
-/// Numbers of the eigenvalues to be computed: negative ones from the lowest, positive ones from the highest.
-fn columns(below: &dyn Fn(f64) -> usize, ends: Ends<'_>) -> Vec<usize> {
-    let (negative, all, [low, high]) = (below(0.0), below(f64::INFINITY), ends(below));
+/// The order of T.
+fn order(recurrence: &Recurrence) -> usize {
+    WIDTH * recurrence.diagonal.len()
+}
+
+/// Numbers of the eigenvalues to be computed, of so many: negative ones from the lowest, positive ones from the highest.
+fn columns(all: usize, below: &dyn Fn(f64) -> usize, ends: Ends<'_>) -> Vec<usize> {
+    let (negative, [low, high]) = (below(0.0), ends(below));
     (0..low.min(negative)).chain(all - high.min(all - negative)..all).collect()
 }
 
@@ -202,7 +207,7 @@ mod tests {
         let mut coupled = recurrence(4);
         coupled.couplings.push((0, 3, coupled.diagonal[1]));
         for recurrence in [twice, coupled] {
-            let n = WIDTH * recurrence.diagonal.len();
+            let n = order(&recurrence);
             assert!(Projected::banded(&recurrence, &|_| [n; 2]).is_none());
             let found = Projected::nearest(&recurrence, n).expect("converges");
             let (values, vectors) = symmetric_eigen(recurrence.matrix().as_ref()).expect("converges");

@@ -1,4 +1,6 @@
 //! What a solve does at one supernode, for eight right-hand sides.
+//!
+//! Columns go in chunks of at most eight, so that their part of x stays in registers while the rows below go by.
 
 use super::tiles::parts;
 use pulp::Simd;
@@ -24,49 +26,23 @@ pub(super) struct Below<'a, T> {
 }
 
 impl<T: Copy> Below<'_, T> {
-    /// Subtracts the columns from x.
+    /// Adds multiples of C columns, from `begin` of so many on, to x.
     #[inline(always)]
-    fn subtract<S: Simd<f64s = T>>(&mut self, simd: S, part: usize, own: &[T], width: usize) {
-        let (fours, rest) = self.rows.as_chunks::<4>();
-        let (twos, ones) = rest.as_chunks::<2>();
-        let mut entries = self.entries;
-        for rows in fours {
-            entries = self.scatter(simd, part, own, width, rows, entries);
-        }
-        for rows in twos {
-            entries = self.scatter(simd, part, own, width, rows, entries);
-        }
-        for &row in ones {
-            entries = self.scatter(simd, part, own, width, &[row], entries);
-        }
-    }
-
-    /// The same for R rows, in R sums that do not wait for each other. Returns the entries of the rows after those.
-    #[inline(always)]
-    fn scatter<'e, S: Simd<f64s = T>, const R: usize>(
+    fn add_columns<S: Simd<f64s = T>, const C: usize>(
         &mut self,
         simd: S,
         part: usize,
-        own: &[T],
         width: usize,
-        rows: &[u32; R],
-        entries: &'e [f64],
-    ) -> &'e [f64] {
-        let parts = parts::<S>();
-        let (now, later) = entries.split_at(R * width);
-        let l: [&[f64]; R] = std::array::from_fn(|r| &now[r * width..][..width]);
-        let at = rows.map(|row| (row as usize - self.begin) * parts + part);
-        let mut sums = at.map(|i| self.x[i]);
-        for (c, y) in own.chunks_exact(parts).enumerate().take(width) {
-            let y = simd.neg_f64s(y[part]);
-            for r in 0..R {
-                sums[r] = simd.mul_add_f64s(simd.splat_f64s(l[r][c]), y, sums[r]);
-            }
+        begin: usize,
+        multiples: &[T; C],
+    ) {
+        let mut entries = self.entries;
+        for &row in self.rows {
+            let (l, later) = entries.split_at(width);
+            let x = &mut self.x[(row as usize - self.begin) * parts::<S>() + part];
+            *x = add_product(simd, *x, &l[begin..], multiples);
+            entries = later;
         }
-        for r in 0..R {
-            self.x[at[r]] = sums[r];
-        }
-        later
     }
 
     /// Adds the products of C columns from `begin` on with x, U rows in flight so that sums do not wait for each other.
@@ -82,14 +58,18 @@ impl<T: Copy> Below<'_, T> {
         let row = |row: u32| self.x[(row as usize - self.begin) * parts::<S>() + part];
         // From the last row to the first, as supernodes go by: memory is then read in one direction.
         let (groups, rest) = self.rows.as_chunks::<U>();
-        let (entries, last) = self.entries.split_at(groups.len() * U * width);
-        for (&r, l) in rest.iter().zip(last.chunks_exact(width)).rev() {
+        let mut entries = self.entries;
+        for &r in rest.iter().rev() {
+            let (before, l) = entries.split_at(entries.len() - width);
             add_multiples(simd, &mut sums[0], &l[begin..], row(r));
+            entries = before;
         }
-        for (group, now) in groups.iter().zip(entries.chunks_exact(U * width)).rev() {
+        for group in groups.iter().rev() {
+            let (before, now) = entries.split_at(entries.len() - U * width);
             for u in (0..U).rev() {
                 add_multiples(simd, &mut sums[u], &now[u * width + begin..], row(group[u]));
             }
+            entries = before;
         }
     }
 }
@@ -101,54 +81,55 @@ impl<T: Copy> Node<'_, T> {
         while begin < self.width {
             begin += match self.width - begin {
                 8.. => self.eliminate::<S, 8>(simd, part, begin),
-                4.. => self.eliminate::<S, 4>(simd, part, begin),
-                2.. => self.eliminate::<S, 2>(simd, part, begin),
+                7 => self.eliminate::<S, 7>(simd, part, begin),
+                6 => self.eliminate::<S, 6>(simd, part, begin),
+                5 => self.eliminate::<S, 5>(simd, part, begin),
+                4 => self.eliminate::<S, 4>(simd, part, begin),
+                3 => self.eliminate::<S, 3>(simd, part, begin),
+                2 => self.eliminate::<S, 2>(simd, part, begin),
                 _ => self.eliminate::<S, 1>(simd, part, begin),
             };
         }
-        self.near.subtract(simd, part, self.own, self.width);
-        if !self.far.rows.is_empty() {
-            self.far.subtract(simd, part, self.own, self.width);
-        }
     }
 
-    /// Solves for R rows of the triangle from `begin` on, once those before are known. Returns R.
+    /// Solves for C rows of the triangle from `begin` on, once those before are removed, and removes them from all below. Returns C.
     #[inline(always)]
-    fn eliminate<S: Simd<f64s = T>, const R: usize>(&mut self, simd: S, part: usize, begin: usize) -> usize {
-        let (parts, width) = (parts::<S>(), self.width);
-        let l: [&[f64]; R] = std::array::from_fn(|r| &self.square[(begin + r) * width..][..begin + R]);
-        let (done, rest) = self.own.split_at_mut(begin * parts);
-        let mut sums: [T; R] = std::array::from_fn(|r| rest[r * parts + part]);
-        for (c, y) in done.chunks_exact(parts).enumerate() {
-            let y = simd.neg_f64s(y[part]);
-            for r in 0..R {
-                sums[r] = simd.mul_add_f64s(simd.splat_f64s(l[r][c]), y, sums[r]);
+    fn eliminate<S: Simd<f64s = T>, const C: usize>(&mut self, simd: S, part: usize, begin: usize) -> usize {
+        let (parts, width, end) = (parts::<S>(), self.width, begin + C);
+        let l: [&[f64]; C] = std::array::from_fn(|r| &self.square[(begin + r) * width + begin..][..C]);
+        let (own, rest) = self.own[begin * parts..].split_at_mut(C * parts);
+        let mut y: [T; C] = std::array::from_fn(|c| own[c * parts + part]);
+        for c in 0..C {
+            own[c * parts + part] = y[c];
+            y[c] = simd.neg_f64s(y[c]);
+            for r in c + 1..C {
+                y[r] = simd.mul_add_f64s(simd.splat_f64s(l[r][c]), y[c], y[r]);
             }
         }
-        for c in 0..R {
-            let y = simd.neg_f64s(sums[c]);
-            for r in c + 1..R {
-                sums[r] = simd.mul_add_f64s(simd.splat_f64s(l[r][begin + c]), y, sums[r]);
-            }
+        let mut square = &self.square[end * width..];
+        for x in rest.chunks_exact_mut(parts) {
+            let (l, later) = square.split_at(width);
+            x[part] = add_product(simd, x[part], &l[begin..], &y);
+            square = later;
         }
-        for r in 0..R {
-            rest[r * parts + part] = sums[r];
-        }
-        R
+        self.near.add_columns(simd, part, width, begin, &y);
+        self.far.add_columns(simd, part, width, begin, &y);
+        C
     }
 
     #[inline(always)]
     pub fn backward<S: Simd<f64s = T>>(&mut self, simd: S, part: usize) {
-        for (y, p) in self.own.chunks_exact_mut(parts::<S>()).zip(self.pivots) {
-            y[part] = simd.mul_f64s(y[part], simd.splat_f64s(*p));
-        }
         let mut end = self.width;
         while end > 0 {
             end -= match end {
                 8.. => self.gather::<S, 8, 1>(simd, part, end),
-                4.. => self.gather::<S, 4, 2>(simd, part, end),
-                2.. => self.gather::<S, 2, 4>(simd, part, end),
-                _ => self.gather::<S, 1, 4>(simd, part, end),
+                7 => self.gather::<S, 7, 1>(simd, part, end),
+                6 => self.gather::<S, 6, 1>(simd, part, end),
+                5 => self.gather::<S, 5, 1>(simd, part, end),
+                4 => self.gather::<S, 4, 2>(simd, part, end),
+                3 => self.gather::<S, 3, 2>(simd, part, end),
+                2 => self.gather::<S, 2, 2>(simd, part, end),
+                _ => self.gather::<S, 1, 2>(simd, part, end),
             };
         }
     }
@@ -158,29 +139,43 @@ impl<T: Copy> Node<'_, T> {
     fn gather<S: Simd<f64s = T>, const C: usize, const U: usize>(&mut self, simd: S, part: usize, end: usize) -> usize {
         let (parts, width, begin) = (parts::<S>(), self.width, end - C);
         let mut sums = [[simd.splat_f64s(0.0); C]; U];
-        if !self.far.rows.is_empty() {
-            self.far.add_products(simd, part, width, begin, &mut sums);
-        }
+        self.far.add_products(simd, part, width, begin, &mut sums);
         self.near.add_products(simd, part, width, begin, &mut sums);
-        let known = self.own[end * parts..].chunks_exact(parts).zip(self.square[end * width..].chunks_exact(width));
-        for (y, l) in known.rev() {
+        let (own, known) = self.own.split_at_mut(end * parts);
+        let mut square = &self.square[end * width..];
+        for y in known.chunks_exact(parts).rev() {
+            let (before, l) = square.split_at(square.len() - width);
             add_multiples(simd, &mut sums[0], &l[begin..], y[part]);
+            square = before;
         }
-        let mut own: [T; C] = std::array::from_fn(|c| {
-            let sum = (1..U).fold(sums[0][c], |sum, u| simd.add_f64s(sum, sums[u][c]));
-            simd.sub_f64s(self.own[(begin + c) * parts + part], sum)
-        });
-        for j in (0..C).rev() {
-            let (l, y) = (&self.square[(begin + j) * width + begin..][..C], simd.neg_f64s(own[j]));
-            for c in 0..j {
-                own[c] = simd.mul_add_f64s(simd.splat_f64s(l[c]), y, own[c]);
-            }
-        }
+        let (own, pivots) = (&mut own[begin * parts..], &self.pivots[begin..end]);
+        let mut y = sums[0];
+        // No closures here: of so many some would not be inlined.
         for c in 0..C {
-            self.own[(begin + c) * parts + part] = own[c];
+            for more in &sums[1..] {
+                y[c] = simd.add_f64s(y[c], more[c]);
+            }
+            y[c] = simd.sub_f64s(simd.mul_f64s(own[c * parts + part], simd.splat_f64s(pivots[c])), y[c]);
+        }
+        for j in (0..C).rev() {
+            own[j * parts + part] = y[j];
+            let (l, known) = (&self.square[(begin + j) * width + begin..][..C], simd.neg_f64s(y[j]));
+            for c in 0..j {
+                y[c] = simd.mul_add_f64s(simd.splat_f64s(l[c]), known, y[c]);
+            }
         }
         C
     }
+}
+
+/// sum + l'y, for the first entries of l.
+#[inline(always)]
+fn add_product<S: Simd, const C: usize>(simd: S, mut sum: S::f64s, l: &[f64], y: &[S::f64s; C]) -> S::f64s {
+    let l = &l[..C];
+    for c in 0..C {
+        sum = simd.mul_add_f64s(simd.splat_f64s(l[c]), y[c], sum);
+    }
+    sum
 }
 
 /// sums + y l, for the first entries of l.

@@ -1,6 +1,6 @@
 //! Which parts of a factor can be worked on at once: subtrees of its elimination tree do not touch each other, only the top above them all.
 
-use crate::multifrontal::Symbolic;
+use crate::multifrontal::{Supernode, Symbolic};
 use std::ops::Range;
 
 /// Most groups of subtrees, and the entries that make another one worth a thread: a solve takes two passes over them, and lends threads for each.
@@ -31,139 +31,108 @@ pub(super) struct Tree {
     pub groups: usize,
     /// All supernodes, ascending.
     pub segments: Vec<Segment>,
-    /// The rows below each supernode, ascending: first those within its segment, by their place there, then those of the top, by theirs.
-    pub rows: Vec<u32>,
-    /// How many of a supernode's rows are within its segment; nothing if all is top.
+    /// The rows below each supernode, ascending: first those within its segment, by their place there, then those of the top, by theirs. Nothing, as in
+    /// `inner`, if all is top.
+    rows: Vec<u32>,
+    /// How many of a supernode's rows are within its segment.
     inner: Vec<u32>,
 }
 
 impl Tree {
     /// The tree of a factor.
     pub fn new(symbolic: &Symbolic) -> Self {
-        let (columns, row_starts) = starts(symbolic);
-        let subtrees = Subtrees::new(&columns, &row_starts, &symbolic.rows);
-        let groups = (subtrees.entries() / GRAIN).min(GROUPS);
-        Self::in_groups(&columns, &row_starts, &symbolic.rows, &subtrees, groups)
+        let entries: usize = symbolic.nodes.iter().map(cost).sum();
+        Self::with_groups(symbolic, (entries / GRAIN).min(GROUPS))
     }
 
-    fn in_groups(columns: &[u32], row_starts: &[usize], rows: &[u32], subtrees: &Subtrees, groups: usize) -> Self {
-        let cut = Self::cut(columns, row_starts, rows, subtrees, groups);
-        cut.unwrap_or_else(|| Self::whole(columns, rows.to_vec()))
-    }
-
-    /// The same with so many groups, however small.
-    #[cfg(test)]
+    /// The same with so many groups, however small. All is top if that does not pay.
     pub fn with_groups(symbolic: &Symbolic, groups: usize) -> Self {
-        let (columns, row_starts) = starts(symbolic);
-        let subtrees = Subtrees::new(&columns, &row_starts, &symbolic.rows);
-        Self::in_groups(&columns, &row_starts, &symbolic.rows, &subtrees, groups)
+        let (nodes, columns) = (symbolic.nodes.len(), symbolic.nodes.last().map_or(0, |node| node.end));
+        let whole = Segment { nodes: 0..nodes, columns: 0..columns, place: 0, owner: 0 };
+        let cut = if groups < 2 { None } else { Self::cut(symbolic, groups) };
+        cut.unwrap_or_else(|| Self { groups: 0, segments: vec![whole], rows: Vec::new(), inner: Vec::new() })
     }
 
-    /// All is top.
-    fn whole(columns: &[u32], rows: Vec<u32>) -> Self {
-        let nodes = columns.len() - 1;
-        let segment = Segment { nodes: 0..nodes, columns: 0..columns[nodes] as usize, place: 0, owner: 0 };
-        Self { groups: 0, segments: vec![segment], rows, inner: Vec::new() }
-    }
-
-    /// So many groups; nothing if that does not pay, or subtrees are not contiguous.
-    fn cut(columns: &[u32], row_starts: &[usize], rows: &[u32], subtrees: &Subtrees, groups: usize) -> Option<Self> {
+    fn cut(symbolic: &Symbolic, groups: usize) -> Option<Self> {
+        let nodes = &symbolic.nodes;
         let mut segments = Vec::new();
         // In the top, columns follow each other.
-        let (mut places, mut end) = (vec![NONE; columns[columns.len() - 1] as usize], 0);
-        for (nodes, owner) in subtrees.dealt(groups)? {
-            let columns = columns[nodes.start] as usize..columns[nodes.end] as usize;
+        let (mut places, mut end) = (vec![NONE; nodes.last()?.end], 0);
+        for (range, owner) in Subtrees::new(symbolic).dealt(groups)? {
+            let columns = nodes[range.start].begin..nodes[range.end - 1].end;
             let place = if owner == groups { end } else { 0 };
             if owner == groups {
                 places[columns.clone()].iter_mut().zip(end..).for_each(|(at, place)| *at = place as u32);
                 end += columns.len();
             }
-            segments.push(Segment { nodes, columns, place, owner });
+            segments.push(Segment { nodes: range, columns, place, owner });
         }
-        let (mut placed, mut inner) = (Vec::with_capacity(rows.len()), Vec::with_capacity(columns.len()));
+        let (mut placed, mut inner) = (Vec::with_capacity(symbolic.rows.len()), Vec::with_capacity(nodes.len()));
         for segment in &segments {
-            for s in segment.nodes.clone() {
-                let rows = &rows[row_starts[s]..row_starts[s + 1]];
-                let own = if segment.owner == groups {
-                    rows.len()
-                } else {
-                    rows.partition_point(|row| (*row as usize) < segment.columns.end)
-                };
-                inner.push(own as u32);
-                let within = |row: &u32| {
-                    if segment.owner == groups { places[*row as usize] } else { row - segment.columns.start as u32 }
-                };
-                placed.extend(rows[..own].iter().map(within));
-                placed.extend(rows[own..].iter().map(|row| places[*row as usize]));
+            for node in &nodes[segment.nodes.clone()] {
+                let rows = &symbolic.rows[node.below()];
+                let end = if segment.owner == groups { 0 } else { segment.columns.end };
+                let (within, above) = rows.split_at(rows.partition_point(|row| (*row as usize) < end));
+                placed.extend(within.iter().map(|row| row - segment.columns.start as u32));
+                placed.extend(above.iter().map(|row| places[*row as usize]));
+                inner.push(if segment.owner == groups { rows.len() } else { within.len() } as u32);
             }
         }
         (!placed.contains(&NONE)).then_some(Self { groups, segments, rows: placed, inner })
     }
 
-    /// How many of a supernode's rows, of which there are so many, are within its segment.
+    /// The rows below a supernode: those within its segment, and those of the top.
     #[inline(always)]
-    pub fn inner(&self, node: usize, rows: usize) -> usize {
-        self.inner.get(node).map_or(rows, |inner| *inner as usize)
+    pub fn rows<'a>(&'a self, symbolic: &'a Symbolic, node: usize) -> (&'a [u32], &'a [u32]) {
+        let below = symbolic.nodes[node].below();
+        match self.inner.get(node) {
+            Some(&inner) => self.rows[below].split_at(inner as usize),
+            None => (&symbolic.rows[below], &[]),
+        }
     }
 }
 
-/// The first column of each supernode, then n; and where the rows below each begin, and their end.
-fn starts(symbolic: &Symbolic) -> (Vec<u32>, Vec<usize>) {
-    let end = symbolic.nodes.last().map_or(0, |node| node.end);
-    let columns = symbolic.nodes.iter().map(|node| node.begin).chain([end]).map(|column| column as u32);
-    let row_starts = symbolic.nodes.iter().map(|node| node.below().start).chain([symbolic.rows.len()]);
-    (columns.collect(), row_starts.collect())
+/// What a supernode costs, in entries.
+fn cost(node: &Supernode) -> usize {
+    node.width() * (node.width() / 2 + node.below().len() + COLUMN)
 }
 
 /// Supernodes with their subtrees.
 struct Subtrees {
-    children: Vec<Vec<usize>>,
     roots: Vec<usize>,
-    /// The first supernode of each subtree.
+    /// The first supernode of each subtree, which ends with its root.
     first: Vec<usize>,
     own: Vec<usize>,
     /// What each subtree costs.
     cost: Vec<usize>,
-    contiguous: bool,
 }
 
 impl Subtrees {
-    fn new(columns: &[u32], row_starts: &[usize], rows: &[u32]) -> Self {
-        let count = columns.len() - 1;
-        let own = |s: usize| {
-            let width = (columns[s + 1] - columns[s]) as usize;
-            width * (width / 2 + row_starts[s + 1] - row_starts[s] + COLUMN)
-        };
-        let own: Vec<usize> = (0..count).map(own).collect();
-        let (mut cost, mut first, mut sizes) = (own.clone(), (0..count).collect::<Vec<_>>(), vec![1; count]);
-        let (mut children, mut roots) = (vec![Vec::new(); count], Vec::new());
-        for s in 0..count {
-            let Some(row) = rows[row_starts[s]..row_starts[s + 1]].first() else {
-                roots.push(s);
-                continue;
-            };
-            let parent = columns.partition_point(|column| column <= row) - 1;
-            children[parent].push(s);
-            cost[parent] += cost[s];
-            sizes[parent] += sizes[s];
-            first[parent] = first[parent].min(first[s]);
+    fn new(symbolic: &Symbolic) -> Self {
+        let own: Vec<usize> = symbolic.nodes.iter().map(cost).collect();
+        let (mut roots, mut first, mut cost) = (Vec::<usize>::new(), Vec::<usize>::new(), own.clone());
+        for (s, node) in symbolic.nodes.iter().enumerate() {
+            let children = roots.len() - node.children..;
+            first.push(roots[children.clone()].first().map_or(s, |&child| first[child]));
+            for child in roots.drain(children) {
+                cost[s] += cost[child];
+            }
+            roots.push(s);
         }
-        let contiguous = (0..count).all(|s| first[s] + sizes[s] == s + 1);
-        Self { children, roots, first, own, cost, contiguous }
+        Self { roots, first, own, cost }
     }
 
-    fn entries(&self) -> usize {
-        self.own.iter().sum()
+    /// The children of a supernode, from the last: each ends where the one after it begins.
+    fn children(&self, s: usize) -> impl Iterator<Item = usize> + '_ {
+        let before = move |end: usize| (end > self.first[s]).then(|| end - 1);
+        std::iter::successors(before(s), move |&child| before(self.first[child]))
     }
 
     /// Runs of supernodes, ascending, and the group of each, or the number of groups for the top: so that the top and the largest group together cost
     /// least.
     fn dealt(&self, groups: usize) -> Option<Vec<(Range<usize>, usize)>> {
-        if groups < 2 || !self.contiguous {
-            return None;
-        }
         let (mut subtrees, mut top) = (self.roots.clone(), 0);
-        let (mut least, mut best) = (self.entries(), None);
+        let (mut least, mut best) = (self.own.iter().sum(), None);
         for _ in 0..CUTS {
             subtrees.sort_by_key(|&s| (usize::MAX - self.cost[s], s));
             let (owners, largest) = self.shared_out(&subtrees, groups);
@@ -174,7 +143,7 @@ impl Subtrees {
             // The root of the largest one joins the top.
             let Some(root) = subtrees.first().copied() else { break };
             subtrees.swap_remove(0);
-            subtrees.extend(&self.children[root]);
+            subtrees.extend(self.children(root));
             top += self.own[root];
         }
         let mut runs = Vec::new();

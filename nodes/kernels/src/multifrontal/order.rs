@@ -57,15 +57,16 @@ impl Elimination {
 
     /// Rows in this order, without a tree.
     pub fn plain(matrix: &SymmetricCsr, order: Vec<u32>) -> Self {
-        let (rows, position) = Rows::new(matrix, &order);
-        let same: Vec<u32> = (0..order.len() as u32).collect();
-        Self { entries: rows.renamed(&same, &same), position, order, parents: Vec::new(), counts: Vec::new() }
+        let position = positions(matrix.n(), &order);
+        let (_, later) = tree(matrix, &order, &position);
+        let entries = Entries::new(matrix, &order, &position, later.into_iter());
+        Self { entries, position, order, parents: Vec::new(), counts: Vec::new() }
     }
 
     /// An order that fills in as much as this one does.
     fn new(matrix: &SymmetricCsr, order: &[u32]) -> Self {
-        let (rows, mut position) = Rows::new(matrix, order);
-        let parents = rows.tree();
+        let mut position = positions(matrix.n(), order);
+        let (parents, later) = tree(matrix, order, &position);
         let by_position = postorder(&parents);
         let mut renamed = vec![0; parents.len()];
         for (new, &old) in by_position.iter().enumerate() {
@@ -77,105 +78,99 @@ impl Elimination {
         }
         let parent = |old: u32| renamed.get(parents[old as usize] as usize).copied().unwrap_or(NONE);
         let parents: Vec<u32> = by_position.iter().map(|&old| parent(old)).collect();
-        let entries = rows.renamed(&by_position, &renamed);
+        // The smaller one of two positions that share an entry is still before the other.
+        let later = by_position.iter().map(|&old| later[old as usize]);
+        let entries = Entries::new(matrix, &order, &position, later);
         Self { counts: column_counts(&entries, &parents), order, position, parents, entries }
     }
 }
 
-/// The matrix below its diagonal, row by row: columns, and places among its values.
-struct Rows {
-    diagonal: Vec<u32>,
-    starts: Vec<u32>,
-    columns: Vec<u32>,
-    sources: Vec<u32>,
+/// The place in the order of each of n rows.
+fn positions(n: usize, order: &[u32]) -> Vec<u32> {
+    let mut position = vec![NONE; n];
+    for (at, &row) in order.iter().enumerate() {
+        position[row as usize] = at as u32;
+    }
+    position
 }
 
-impl Rows {
-    /// Rows in this order, and the position of each row of the matrix.
-    fn new(matrix: &SymmetricCsr, order: &[u32]) -> (Self, Vec<u32>) {
-        let n = order.len();
-        let mut position = vec![NONE; matrix.n()];
-        for (at, &row) in order.iter().enumerate() {
-            position[row as usize] = at as u32;
+/// A row of a matrix: places among the values, and columns.
+fn entries_of(matrix: &SymmetricCsr, row: u32) -> impl ExactSizeIterator<Item = (u32, u32)> + '_ {
+    let range = matrix.offsets()[row as usize]..matrix.offsets()[row as usize + 1];
+    (range.start as u32..range.end as u32).zip(matrix.columns()[range].iter().copied())
+}
+
+/// Parents in this order, and how many later positions each shares an entry with. Paths already known are cut short (Liu 1986).
+fn tree(matrix: &SymmetricCsr, order: &[u32], position: &[u32]) -> (Vec<u32>, Vec<u32>) {
+    let n = order.len();
+    let (mut parents, mut ancestors, mut later) = (vec![NONE; n], vec![NONE; n], Vec::with_capacity(n));
+    let mut before = Vec::new();
+    for (k, &row) in (0..).zip(order) {
+        let entries = entries_of(matrix, row);
+        before.resize(before.len().max(entries.len()), 0);
+        // Written before it is known whether it counts: nobody can foresee it.
+        let (mut end, mut after) = (0, 0);
+        for (_, column) in entries {
+            let column = position[column as usize];
+            before[end] = column;
+            end += usize::from(column < k);
+            after += u32::from(column > k && column != NONE);
         }
-        // Written before it is known whether they count: nobody can foresee it.
-        let room = matrix.columns().len();
-        let (mut columns, mut sources) = (vec![0; room], vec![0; room]);
-        let (mut diagonal, mut starts, mut end) = (Vec::with_capacity(n), Vec::with_capacity(n + 1), 0);
-        starts.push(0);
+        later.push(after);
+        for &column in &before[..end] {
+            let mut i = column;
+            while i < k {
+                let next = std::mem::replace(&mut ancestors[i as usize], k);
+                if next == NONE {
+                    parents[i as usize] = k;
+                }
+                i = next;
+            }
+        }
+    }
+    (parents, later)
+}
+
+impl Entries {
+    /// Rows in this order, each of which shares entries with so many later ones.
+    fn new(matrix: &SymmetricCsr, order: &[u32], position: &[u32], later: impl Iterator<Item = u32>) -> Self {
+        let n = order.len();
+        // Where the column before goes on, while it is filled.
+        let mut column_starts = Vec::with_capacity(n + 2);
+        column_starts.extend([0, 0]);
+        let mut count = 0;
+        for later in later {
+            count += later;
+            column_starts.push(count);
+        }
+        let entries = count as usize;
+        let (mut diagonal, mut row_starts) = (Vec::with_capacity(n), Vec::with_capacity(n + 1));
+        let (mut columns, mut rows, mut sources) = (Vec::with_capacity(entries), vec![0; entries], vec![0; entries]);
+        let mut before = Vec::new();
         for (k, &row) in (0..).zip(order) {
-            let begin = matrix.offsets()[row as usize];
-            let entries = begin..matrix.offsets()[row as usize + 1];
-            let mut own = 0;
-            for (source, &column) in (begin as u32..).zip(&matrix.columns()[entries]) {
+            row_starts.push(columns.len() as u32);
+            let entries = entries_of(matrix, row);
+            before.resize(before.len().max(entries.len()), (0, 0));
+            let (mut end, mut own) = (0, 0);
+            for (source, column) in entries {
                 let column = position[column as usize];
-                (columns[end], sources[end]) = (column, source);
+                before[end] = (column, source);
                 end += usize::from(column < k);
                 own = if column == k { source } else { own };
             }
             diagonal.push(own);
-            starts.push(end as u32);
-        }
-        columns.truncate(end);
-        sources.truncate(end);
-        (Self { diagonal, starts, columns, sources }, position)
-    }
-
-    fn range(&self, row: u32) -> Range<usize> {
-        self.starts[row as usize] as usize..self.starts[row as usize + 1] as usize
-    }
-
-    /// Parents: paths already known are cut short (Liu 1986).
-    fn tree(&self) -> Vec<u32> {
-        let n = self.diagonal.len();
-        let (mut parents, mut ancestors) = (vec![NONE; n], vec![NONE; n]);
-        for k in 0..n as u32 {
-            for &column in &self.columns[self.range(k)] {
-                let mut i = column;
-                while i < k {
-                    let next = std::mem::replace(&mut ancestors[i as usize], k);
-                    if next == NONE {
-                        parents[i as usize] = k;
-                    }
-                    i = next;
-                }
-            }
-        }
-        parents
-    }
-
-    /// In another order, which keeps the smaller one of two positions that share an entry before the other.
-    fn renamed(&self, by_position: &[u32], renamed: &[u32]) -> Entries {
-        let n = self.diagonal.len();
-        let (mut row_starts, mut columns) = (Vec::with_capacity(n + 1), Vec::with_capacity(self.columns.len()));
-        let mut column_starts = vec![0; n + 1];
-        row_starts.push(0);
-        for &old in by_position {
-            columns.extend(self.columns[self.range(old)].iter().map(|&column| renamed[column as usize]));
-            for &column in &columns[row_starts[row_starts.len() - 1] as usize..] {
-                column_starts[column as usize + 1] += 1;
-            }
-            row_starts.push(columns.len() as u32);
-        }
-        for j in 0..n {
-            column_starts[j + 1] += column_starts[j];
-        }
-        let mut next = column_starts.clone();
-        let (mut rows, mut sources) = (vec![0; columns.len()], vec![0; columns.len()]);
-        for (k, &old) in (0u32..).zip(by_position) {
-            let now = &columns[row_starts[k as usize] as usize..row_starts[k as usize + 1] as usize];
-            for (&column, &source) in now.iter().zip(&self.sources[self.range(old)]) {
-                let at = &mut next[column as usize];
+            for &(column, source) in &before[..end] {
+                let at = &mut column_starts[column as usize + 1];
                 (rows[*at as usize], sources[*at as usize]) = (k, source);
                 *at += 1;
+                columns.push(column);
             }
         }
-        let diagonal = by_position.iter().map(|&old| self.diagonal[old as usize]).collect();
-        Entries { diagonal, row_starts, columns, column_starts, rows, sources }
+        row_starts.push(columns.len() as u32);
+        column_starts.truncate(n + 1);
+        Self { diagonal, row_starts, columns, column_starts, rows, sources }
     }
-}
 
-impl Entries {
     /// Where a column's rows are.
     #[inline(always)]
     pub fn column(&self, j: usize) -> Range<usize> {
