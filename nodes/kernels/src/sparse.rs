@@ -206,8 +206,12 @@ impl SymmetricCsr {
     #[must_use]
     pub fn row_sum(&self, row: usize) -> f64 {
         // Off-diagonal entries first, in the order in which the diagonal was summed: for a Laplacian the result is exactly 0.
-        let others = self.row(row).filter(|e| e.0 != row).map(|e| e.1).sum::<f64>();
-        self.diagonal(row) + others
+        let (mut diagonal, mut others) = (0.0, 0.0);
+        for (column, value) in self.row(row) {
+            let own = if column == row { value } else { 0.0 };
+            (diagonal, others) = (diagonal + own, others + (value - own));
+        }
+        diagonal + others
     }
 
     /// The product with a vector of length n.

@@ -7,7 +7,7 @@ use super::panel::{Block, Row, Rows, WIDTH, ZERO, add, norm, product, subtract_m
 use super::parts::Pass;
 use super::passes::{Nearest, Product, Products, Removal, Step, dispatch};
 use super::pool::{Panel, Panels, Pool, RUN, runs, runs_mut};
-use super::tiles::{replace_by_product, subtract_products};
+use super::tiles::{Combination, replace_by_product, subtract_products};
 use super::{EigenError, Hooks};
 use crate::random::Random;
 use faer::MatRef;
@@ -273,7 +273,8 @@ impl<'a> Basis<'a> {
     pub fn combine(mut self, c: MatRef<'_, f64>) -> Result<Panels<'a>, EigenError> {
         let pass = self.pass(c.nrows() * c.ncols() / (WIDTH * WIDTH));
         let parts = pass.split(self.panels.all_mut());
-        pass.run(parts, |_, mut panels| replace_by_product(&mut panels, c))?;
+        let combination = Combination::new(c);
+        pass.run(parts, |_, mut panels| replace_by_product(&mut panels, &combination))?;
         self.panels.truncate(c.ncols() / WIDTH);
         Ok(self.panels)
     }

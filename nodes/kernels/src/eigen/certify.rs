@@ -5,13 +5,14 @@ use super::gauge::is_turned;
 use super::packed::Packed;
 use super::panel::{Row, Rows, WIDTH};
 use super::parts::{collect, locked};
-use super::pool::{Panel, RUN};
+use super::pool::Panel;
 use super::problem::Problem;
 use super::quality::Quality;
 use super::spare::Spare;
 use super::tiles::Triangle;
-use super::vectors::{Vectors, by_vertex, null_product};
+use super::vectors::{Moments, Vectors, by_vertex};
 use super::{EigenError, Hooks, Phase, enter};
+use std::ops::Range;
 use std::sync::Mutex;
 
 /// Inner products above this are removed: neighbours found by different slices, each accurate, are that nearly orthogonal only.
@@ -39,6 +40,8 @@ pub(super) struct Findings {
     pub residual: f64,
     /// Whether those of all pairs are within bounds.
     pub fine: bool,
+    /// The largest product with the null space.
+    pub null: f64,
 }
 
 /// One column of a panel, and where it is to be written.
@@ -66,7 +69,7 @@ impl<'a> Columns<'a> {
             slots[panel].push((q, column));
         }
         let slots: Vec<_> = slots.into_iter().map(Mutex::new).collect();
-        let mut results: Vec<Quality> = Vec::with_capacity(guesses.len());
+        let (mut results, mut null) = (Vec::<Quality>::with_capacity(guesses.len()), 0.0f64);
         for store in vectors.into_stores() {
             let (begin, panels) = (results.len(), store.all());
             let examined = self.map(1 + panels.len(), &|task| {
@@ -74,46 +77,45 @@ impl<'a> Columns<'a> {
                     aside();
                     return Ok(None);
                 };
-                let memory = self.by_vertex(panels[p])?;
-                let v = memory.as_slice();
-                let quality = self.problem.examine(v, &guesses[begin + p], tolerance);
-                self.write(v, &quality, &mut locked(&slots[begin + p]));
+                let (memory, moments) = self.by_vertex(panels[p])?;
+                let (v, targets) = (memory.as_slice(), &mut *locked(&slots[begin + p]));
+                let factors = self.factors(v, &moments);
+                let quality = self.problem.examine_and(v, &guesses[begin + p], tolerance, &mut |rows| {
+                    write(v, &factors, &rows, targets);
+                });
                 self.spare.give(memory);
-                Ok(Some(quality))
+                Ok(Some((quality, moments.null)))
             })?;
-            results.extend(examined.into_iter().collect::<Result<Vec<_>, EigenError>>()?.into_iter().flatten());
+            for (quality, product) in
+                examined.into_iter().collect::<Result<Vec<_>, EigenError>>()?.into_iter().flatten()
+            {
+                results.push(quality);
+                null = null.max(product);
+            }
             // Memory is short while results are written.
             store.release();
         }
         drop(slots);
         let (order, findings) = self::findings(&places, &results, wanted, tolerance);
         permute(target, n, &order);
-        Ok(findings)
+        Ok(Findings { null, ..findings })
     }
 
     /// A panel of R^-1 y by vertex, in memory whose rows are aligned to cache lines.
-    fn by_vertex(&self, panel: &Panel) -> Result<Rows, EigenError> {
+    fn by_vertex(&self, panel: &Panel) -> Result<(Rows, Moments), EigenError> {
         let fresh = || Rows::zeroed(self.order.len()).map_err(|_| EigenError::Memory);
         let mut memory = self.spare.take().map_or_else(fresh, Ok)?;
-        by_vertex(panel, self.order, &self.scale, memory.as_mut_slice());
-        Ok(memory)
+        let moments = by_vertex(panel, self.order, &self.scale, self.null, memory.as_mut_slice());
+        Ok((memory, moments))
     }
 
-    /// Columns of R^-1 y as eigenvectors of the original problem.
-    fn write(&self, v: &[Row], quality: &Quality, targets: &mut [Target<'_>]) {
+    /// What the columns of v are multiplied by: their signs, in the caller's units.
+    fn factors(&self, v: &[Row], moments: &Moments) -> Row {
         let unit = 1.0 / self.problem.area.sqrt();
-        let factors: Row = std::array::from_fn(|q| {
-            let turned = is_turned(quality.cubes[q], quality.magnitudes[q], v.iter().map(|row| row[q]));
+        std::array::from_fn(|q| {
+            let turned = is_turned(moments.cubes[q], moments.magnitudes[q], v.iter().map(|row| row[q]));
             if turned { -unit } else { unit }
-        });
-        // In pieces that stay in the first-level cache.
-        for (piece, rows) in v.chunks(RUN).enumerate() {
-            for (q, column) in targets.iter_mut() {
-                for (x, row) in column[piece * RUN..].iter_mut().zip(rows) {
-                    *x = row[*q] * factors[*q] + 0.0; // no negative zeros in an artefact
-                }
-            }
-        }
+        })
     }
 
     /// One step of correction, y - F^-1 (A y - lambda y), for the lowest vectors, eight at a time, until the next eight need none: bounds are relative to the
@@ -127,7 +129,7 @@ impl<'a> Columns<'a> {
     ) -> Result<(), EigenError> {
         let mut at_hand = None;
         for p in 0..vectors.panels().len() {
-            let memory = self.by_vertex(vectors.panels()[p])?;
+            let (memory, _) = self.by_vertex(vectors.panels()[p])?;
             let v = memory.as_slice();
             let quality = self.problem.examine(v, &vectors.values()[p], tolerance);
             let counts = vectors.counts(p);
@@ -148,14 +150,13 @@ impl<'a> Columns<'a> {
         Ok(())
     }
 
-    /// The largest entry of |Y' Y - I|, the null space included, after removing what neighbouring slices left.
+    /// The largest entry of |Y' Y - I| after removing what neighbouring slices left.
     pub fn orthogonalise(&self, vectors: &mut Vectors<'_>) -> Result<f64, EigenError> {
         let mut worst = f64::INFINITY;
         for _ in 0..3 {
             let panels = vectors.panels();
-            let null = self.map(panels.len(), &|p| null_product(panels[p], self.null))?;
             let products = Products::of(&self.gram(&panels)?, vectors);
-            worst = null.into_iter().fold(products.kept + products.second, f64::max);
+            worst = products.kept + products.second;
             if !products.steps.is_empty() {
                 vectors.subtract_multiples(&products.steps);
             }
@@ -186,9 +187,9 @@ impl<'a> Columns<'a> {
     pub fn null_residual(&self, first: Option<f64>) -> f64 {
         let Some(first) = first else { return 0.0 };
         let mut squares = vec![0.0f64; self.null.count];
-        for i in 0..self.problem.n() {
-            let (label, unit) = self.problem.null_entry(i);
-            let residual = self.problem.stiffness.row_sum(i) * unit / self.problem.root[i].powi(2);
+        for &(vertex, sum) in &self.problem.uneven {
+            let (label, unit) = self.problem.null_entry(vertex);
+            let residual = sum * unit / self.problem.root[vertex].powi(2);
             squares[label] += residual * residual;
         }
         squares.iter().fold(0.0f64, |worst, s| worst.max(s.sqrt())) / first
@@ -199,12 +200,21 @@ impl<'a> Columns<'a> {
     }
 }
 
+/// Writes some rows of v to columns, with these factors.
+fn write(v: &[Row], factors: &Row, rows: &Range<usize>, targets: &mut [Target<'_>]) {
+    for (q, column) in targets {
+        for (x, row) in column[rows.clone()].iter_mut().zip(&v[rows.clone()]) {
+            *x = row[*q] * factors[*q] + 0.0; // no negative zeros in an artefact
+        }
+    }
+}
+
 /// The order of final values, and what the qualities of vectors at these places come to in that order.
 fn findings(places: &[(usize, usize)], results: &[Quality], wanted: usize, tolerance: f64) -> (Vec<usize>, Findings) {
     let value = |j: usize| results[places[j].0].values[places[j].1];
     let mut order: Vec<usize> = (0..places.len()).collect();
     order.sort_by(|&a, &b| value(a).total_cmp(&value(b)).then(a.cmp(&b)));
-    let mut findings = Findings { values: Vec::with_capacity(order.len()), residual: 0.0, fine: true };
+    let mut findings = Findings { values: Vec::with_capacity(order.len()), residual: 0.0, fine: true, null: 0.0 };
     for (position, &j) in order.iter().enumerate() {
         let ((panel, q), value) = (places[j], value(j));
         findings.values.push(value);
@@ -235,8 +245,9 @@ impl Products {
         let (mut kept, mut steps) = (0.0f64, Vec::new());
         let (mut all, mut removed) = (vec![0.0; places.len()], vec![0.0; places.len()]);
         for (i, &place) in places.iter().enumerate() {
-            let own = gram.get(place, place) - 1.0;
-            all[i] += own * own;
+            let row = gram.row(place);
+            let own = row(place) - 1.0;
+            let mut square = own * own;
             if own.abs() > REMOVED {
                 steps.push((i, i, 0.5 * own));
                 removed[i] += 0.25 * own * own;
@@ -244,16 +255,17 @@ impl Products {
                 kept = kept.max(own.abs());
             }
             for (j, &lower) in places[..i].iter().enumerate() {
-                let product = gram.get(place, lower);
-                all[i] += product * product;
+                let product = row(lower);
+                square += product * product;
                 all[j] += product * product;
                 if product.abs() > REMOVED {
                     steps.push((i, j, product));
                     removed[i] += product * product;
-                } else {
-                    kept = kept.max(product.abs());
+                } else if product.abs() > kept {
+                    kept = product.abs();
                 }
             }
+            all[i] = square;
         }
         let largest = |squares: &[f64]| squares.iter().fold(0.0f64, |m, x| m.max(*x)).sqrt();
         let (e, f, whole) = (largest(&all), largest(&removed), all.iter().sum::<f64>().sqrt());
@@ -333,7 +345,7 @@ mod tests {
             let mut vectors = Vectors::with(&pool, n, &[1.0; 30], entry).expect("small");
             let gram = |vectors: &Vectors<'_>| {
                 let gram = columns.gram(&vectors.panels()).expect("not cancelled");
-                let error = |i: usize, j: usize| (gram.get(i, j) - f64::from(u8::from(i == j))).abs();
+                let error = |i: usize, j: usize| (gram.row(i.max(j))(i.min(j)) - f64::from(u8::from(i == j))).abs();
                 (0..30).flat_map(|i| (0..30).map(move |j| (i, j))).map(|(i, j)| error(i, j)).fold(0.0, f64::max)
             };
             assert!(gram(&vectors) > 0.9 * share);

@@ -7,6 +7,7 @@
 
 use super::dense;
 use super::panel::{Block, WIDTH, ZERO, add, product, subtract, transposed};
+use crate::simd::vectorised;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 
@@ -100,12 +101,16 @@ impl Departure {
         self.columns.push((j, column.collect()));
     }
 
-    /// Eigenvectors number `chosen` of T + N, to first order in N, from the eigenpairs of T that are nearest to the shift.
+    /// Eigenvectors number `chosen` of T + N, to first order in N, from the eigenpairs of T that are nearest to the shift. Below and beside them there is room
+    /// for a block of rows and for whole blocks of columns: zeros.
     pub fn correct(&self, values: &[f64], vectors: MatRef<'_, f64>, chosen: &[usize]) -> Mat<f64> {
         let m = vectors.nrows();
-        let mut corrected = Mat::from_fn(m, chosen.len(), |i, j| vectors[(i, chosen[j])]);
+        let mut room = Mat::zeros(m + WIDTH, chosen.len().next_multiple_of(WIDTH));
+        for (j, &column) in chosen.iter().enumerate() {
+            room.col_mut(j).subrows_mut(0, m).copy_from(vectors.col(column));
+        }
         if self.columns.is_empty() {
-            return corrected;
+            return room;
         }
         let (mut left, mut right) = (
             Mat::<f64>::zeros(m, self.columns.len() * WIDTH),
@@ -113,32 +118,37 @@ impl Departure {
         );
         for (c, (column, blocks)) in self.columns.iter().enumerate() {
             for p in 0..WIDTH {
-                for j in 0..chosen.len() {
-                    right[(c * WIDTH + p, j)] = corrected[(column * WIDTH + p, j)];
-                }
-                for (i, block) in blocks.iter().enumerate() {
-                    for q in 0..WIDTH {
-                        left[(i * WIDTH + q, c * WIDTH + p)] = block[q][p];
-                    }
-                }
+                let rows = left.col_as_slice_mut(c * WIDTH + p).as_chunks_mut::<WIDTH>().0;
+                rows.iter_mut().zip(blocks).for_each(|(row, block)| *row = block.map(|row| row[p]));
+            }
+            for j in 0..chosen.len() {
+                let own = &room.col_as_slice(j)[column * WIDTH..][..WIDTH];
+                right.col_as_slice_mut(j)[c * WIDTH..][..WIDTH].copy_from_slice(own);
             }
         }
         // N s, and its products with the vectors at hand. Beyond these eigenvalues are small: there (theta - T)^-1 is about 1 / theta.
         let departed = dense::product(left.as_ref(), right.as_ref());
         let mut mixed = dense::inner(vectors, departed.as_ref());
         for (j, &column) in chosen.iter().enumerate() {
-            let inverse = 1.0 / values[column];
-            for (i, value) in values.iter().enumerate() {
-                let difference = values[column] - value;
-                let small = mixed[(i, j)].abs() < SMALL * difference.abs();
-                mixed[(i, j)] *= if small { 1.0 / difference } else { 0.0 } - inverse;
-            }
-            for i in 0..m {
-                corrected[(i, j)] = inverse.mul_add(departed[(i, j)], corrected[(i, j)]);
-            }
+            let (inverse, mixed) = (1.0 / values[column], mixed.col_as_slice_mut(j));
+            let (corrected, departed) = (&mut room.col_as_slice_mut(j)[..m], departed.col_as_slice(j));
+            vectorised(
+                #[inline(always)]
+                || {
+                    for (x, value) in mixed.iter_mut().zip(values) {
+                        let difference = values[column] - value;
+                        let small = x.abs() < SMALL * difference.abs();
+                        *x *= if small { 1.0 / difference } else { 0.0 } - inverse;
+                    }
+                    for (x, departed) in corrected.iter_mut().zip(departed) {
+                        *x = inverse.mul_add(*departed, *x);
+                    }
+                },
+            );
         }
-        matmul(corrected.as_mut(), Accum::Add, vectors, mixed.as_ref(), 1.0, Par::Seq);
-        corrected
+        let corrected = room.submatrix_mut(0, 0, m, chosen.len());
+        matmul(corrected, Accum::Add, vectors, mixed.as_ref(), 1.0, Par::Seq);
+        room
     }
 }
 

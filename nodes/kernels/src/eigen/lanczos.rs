@@ -13,6 +13,7 @@ use super::projected::Projected;
 use super::reach::{Chosen, Reach, Ritz, Verdict};
 use super::{EigenError, Hooks, Phase, enter};
 use crate::random::Random;
+use crate::simd::vectorised;
 use faer::Mat;
 
 /// Blocks that follow a restart before convergence is looked at: fewer would not show what the new block has found.
@@ -36,6 +37,10 @@ const LEAP: f64 = 12.0;
 
 /// Checks in a row at which all wanted pairs are accurate and yet there is no gap above them, before a fresh block joins.
 const STALLED: usize = 3;
+
+/// Coefficients of Ritz vectors below this are left out: they are rounding errors, as most of those are that pairs near the shift have in the last blocks.
+/// Measured: with 1e-14 residuals of 1e-11 become 1e-10.
+const ROUNDED: f64 = 1e-15;
 
 /// A block that shrinks by this factor under orthogonalisation lay in the span already: only rounding errors are left of it.
 const DEPENDENT: f64 = 1e-13;
@@ -291,23 +296,20 @@ impl<'r, 'a> Krylov<'r, 'a> {
         let m = self.recurrence.diagonal.len() * WIDTH;
         let last = &self.recurrence.below[self.recurrence.below.len() - 1];
         let columns: Vec<usize> = chosen.pairs.iter().map(|r| r.column).collect();
-        let s = self.departure.correct(&projected.values, projected.vectors.as_ref(), &columns);
-        let mut c = Mat::<f64>::zeros(m + WIDTH, columns.len().next_multiple_of(WIDTH));
+        let mut c = self.departure.correct(&projected.values, projected.vectors.as_ref(), &columns);
         for (j, &column) in columns.iter().enumerate() {
+            let s = c.col_as_slice_mut(j);
             let mut norm = 1.0;
             for p in 0..WIDTH {
-                let rest: f64 = (0..WIDTH).map(|q| last[p][q] * s[(m - WIDTH + q, j)]).sum();
-                let next = rest / projected.values[column];
-                c[(m + p, j)] = next;
-                norm += next * next;
+                let rest: f64 = (0..WIDTH).map(|q| last[p][q] * s[m - WIDTH + q]).sum();
+                s[m + p] = rest / projected.values[column];
+                norm += s[m + p] * s[m + p];
             }
             let scale = 1.0 / norm.sqrt();
-            for i in 0..m {
-                c[(i, j)] = s[(i, j)] * scale;
-            }
-            for p in 0..WIDTH {
-                c[(m + p, j)] *= scale;
-            }
+            vectorised(
+                #[inline(always)]
+                || s.iter_mut().for_each(|x| *x = if (*x * scale).abs() > ROUNDED { *x * scale } else { 0.0 }),
+            );
         }
         Ok(Found {
             values: chosen.pairs.iter().map(|r| r.value).collect(),

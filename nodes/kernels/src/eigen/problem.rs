@@ -12,6 +12,8 @@ pub(crate) struct Problem<'a> {
     pub(super) area: f64,
     /// The diagonal of R.
     pub(super) root: Vec<f64>,
+    /// Rows of M that do not sum to exactly zero, and their sums.
+    pub(super) uneven: Vec<(usize, f64)>,
     /// The connected component of each vertex: their indicators span the null space.
     labels: Vec<u32>,
     /// Square roots of the components' shares of the area.
@@ -21,6 +23,7 @@ pub(crate) struct Problem<'a> {
 impl<'a> Problem<'a> {
     /// A symmetric stiffness matrix whose rows sum to zero, and as many positive masses.
     pub(crate) fn new(stiffness: &'a SymmetricCsr, mass: &'a [f64]) -> Result<Self, EigenError> {
+        let mut uneven = Vec::new();
         for vertex in 0..stiffness.n() {
             // As `row_sum` adds them, in one pass.
             let (mut diagonal, mut others, mut magnitude) = (0.0, 0.0, 0.0);
@@ -33,8 +36,12 @@ impl<'a> Problem<'a> {
             if !f64::is_finite(magnitude) {
                 return Err(EigenError::NotFinite { vertex });
             }
-            if f64::abs(diagonal + others) > 1e-12 * magnitude {
+            let sum: f64 = diagonal + others;
+            if sum.abs() > 1e-12 * magnitude {
                 return Err(EigenError::NotLaplacian { vertex });
+            }
+            if sum.abs() > 0.0 {
+                uneven.push((vertex, sum));
             }
         }
         if let Some(vertex) = mass.iter().position(|s| !(s.is_finite() && *s > 0.0)) {
@@ -48,7 +55,7 @@ impl<'a> Problem<'a> {
             shares[label as usize] += r * r;
         }
         let component_roots = shares.into_iter().map(f64::sqrt).collect();
-        Ok(Self { stiffness, mass, area, root, labels, component_roots })
+        Ok(Self { stiffness, mass, area, root, uneven, labels, component_roots })
     }
 
     pub(super) fn n(&self) -> usize {

@@ -7,6 +7,7 @@ use super::problem::Problem;
 use super::tiles::{parts, registers};
 use crate::simd::vectorised;
 use pulp::{Arch, Simd, WithSimd};
+use std::ops::Range;
 
 /// A residual this many times what rounding the entries of M may cause is as small as it can be.
 const ROUNDING: f64 = 16.0;
@@ -23,9 +24,6 @@ pub(super) struct Quality {
     pub residuals: Row,
     /// What rounding alone may make them; zero where they are within the tolerance.
     pub rounding: Row,
-    /// The weighted sums of cubes, and of their magnitudes, up to a common factor.
-    pub cubes: Row,
-    pub magnitudes: Row,
 }
 
 impl Quality {
@@ -36,24 +34,35 @@ impl Quality {
     }
 }
 
+/// What is to be done for some rows while others are examined.
+pub(super) type Aside<'a> = &'a mut dyn FnMut(Range<usize>);
+
+/// So many rows at once.
+const ROWS: usize = 64;
+
 impl Problem<'_> {
     /// The quality of eight approximate eigenvectors v = R^-1 y, of about unit norm in y, whose eigenvalues are about the guesses. Guesses that are far off cost
     /// a second pass, not accuracy.
     pub(super) fn examine(&self, v: &[Row], guesses: &Row, tolerance: f64) -> Quality {
-        let sums = self.sums(v, guesses);
+        self.examine_and(v, guesses, tolerance, &mut |_| ())
+    }
+
+    /// The same, and something else for every few rows: memory then works while numbers are added, and the other way round.
+    pub(super) fn examine_and(&self, v: &[Row], guesses: &Row, tolerance: f64, aside: Aside<'_>) -> Quality {
+        let sums = self.sums(v, guesses, aside);
         let values: Row = std::array::from_fn(|q| 0.5 * sums.edges[q] / sums.norm[q]);
         let mut squares = sums.squared_residuals(guesses, &values);
         if (0..WIDTH).any(|q| squares[q] < CANCELLED * sums.residual[q]) {
-            squares = self.sums(v, &values).residual;
+            squares = self.sums(v, &values, &mut |_| ()).residual;
         }
         let residuals = std::array::from_fn(|q| (squares[q] / sums.norm[q]).sqrt());
         let large = (0..WIDTH).any(|q| residuals[q] > tolerance * values[q]);
         let rounding = if large { self.rounding(v) } else { [0.0; WIDTH] };
-        Quality { values, residuals, rounding, cubes: sums.cubes, magnitudes: sums.magnitudes }
+        Quality { values, residuals, rounding }
     }
 
-    fn sums(&self, v: &[Row], guesses: &Row) -> Sums {
-        Arch::new().dispatch(Pass { problem: self, v, guesses })
+    fn sums(&self, v: &[Row], guesses: &Row, aside: Aside<'_>) -> Sums {
+        Arch::new().dispatch(Pass { problem: self, v, guesses, aside })
     }
 
     /// A y - lambda y for eight approximate eigenvectors v = R^-1 y, at the vertices in this order.
@@ -110,8 +119,6 @@ struct Sums {
     along: Row,
     /// r' r.
     residual: Row,
-    cubes: Row,
-    magnitudes: Row,
 }
 
 impl Sums {
@@ -128,25 +135,19 @@ struct Pass<'a> {
     problem: &'a Problem<'a>,
     v: &'a [Row],
     guesses: &'a Row,
+    aside: Aside<'a>,
 }
 
 impl WithSimd for Pass<'_> {
     type Output = Sums;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Sums {
+    fn with_simd<S: Simd>(mut self, simd: S) -> Sums {
         let mut sums = Sums::default();
         for part in 0..parts::<S>() {
             let lanes = part * S::F64_LANES..(part + 1) * S::F64_LANES;
             let found = self.part(simd, part);
-            let targets = [
-                &mut sums.norm,
-                &mut sums.edges,
-                &mut sums.along,
-                &mut sums.residual,
-                &mut sums.cubes,
-                &mut sums.magnitudes,
-            ];
+            let targets = [&mut sums.norm, &mut sums.edges, &mut sums.along, &mut sums.residual];
             for (target, sum) in targets.into_iter().zip(found) {
                 simd.partial_store_f64s(&mut target[lanes.clone()], sum);
             }
@@ -158,12 +159,15 @@ impl WithSimd for Pass<'_> {
 impl Pass<'_> {
     /// The sums of some lanes, in the order of the fields.
     #[inline(always)]
-    fn part<S: Simd>(&self, simd: S, part: usize) -> [S::f64s; 6] {
+    fn part<S: Simd>(&mut self, simd: S, part: usize) -> [S::f64s; 4] {
         let (parts, matrix, zero) = (parts::<S>(), self.problem.stiffness, simd.splat_f64s(0.0));
         let v = registers::<S>(self.v);
         let guess = registers::<S>(std::slice::from_ref(self.guesses))[part];
-        let mut sums = [zero; 6];
+        let mut sums = [zero; 4];
         for (i, (range, &root)) in matrix.offsets().windows(2).zip(&self.problem.root).enumerate() {
+            if part == 0 && i % ROWS == 0 {
+                (self.aside)(i..self.v.len().min(i + ROWS));
+            }
             let x = v[i * parts + part];
             let (mut product, mut edges) = (zero, zero);
             let range = range[0]..range[1];
@@ -181,8 +185,6 @@ impl Pass<'_> {
             sums[1] = simd.add_f64s(sums[1], edges);
             sums[2] = simd.mul_add_f64s(y, r, sums[2]);
             sums[3] = simd.mul_add_f64s(r, r, sums[3]);
-            sums[4] = simd.mul_add_f64s(square, x, sums[4]);
-            sums[5] = simd.mul_add_f64s(square, simd.abs_f64s(x), sums[5]);
         }
         sums
     }
@@ -259,11 +261,21 @@ mod tests {
 
     #[test]
     fn the_width_of_registers_changes_no_bit() {
+        fn sums<S: Simd>(simd: S, problem: &Problem<'_>, v: &[Row], guesses: &Row) -> Sums {
+            let mut next = 0;
+            let aside: Aside<'_> = &mut |rows| {
+                assert_eq!(rows.start, next);
+                next = rows.end;
+            };
+            let sums = Pass { problem, v, guesses, aside }.with_simd(simd);
+            assert_eq!(next, v.len());
+            sums
+        }
         let (stiffness, mass) = ring();
         let problem = Problem::new(&stiffness, &mass).expect("a Laplacian");
         let (v, guesses) = noisy(&problem, 1e-6);
-        let pass = || Pass { problem: &problem, v: &v, guesses: &guesses };
-        let native = Arch::new().dispatch(pass());
-        assert!(pass().with_simd(pulp::Scalar) == native && pass().with_simd(pulp::Scalar256b) == native);
+        let native = problem.sums(&v, &guesses, &mut |_| ());
+        assert!(sums(pulp::Scalar, &problem, &v, &guesses) == native);
+        assert!(sums(pulp::Scalar256b, &problem, &v, &guesses) == native);
     }
 }

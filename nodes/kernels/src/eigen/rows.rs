@@ -6,13 +6,13 @@
 use super::panel::{Block, Row, WIDTH};
 use super::pool::RUN;
 use super::tiles::{parts, registers, registers_mut};
-use prefetch_index::prefetch_index;
+use crate::simd::prefetch;
 use pulp::Simd;
 
 pub(super) type Run = [Row; RUN];
 
 /// Rows that are worked on at once, so that products do not wait for each other.
-const TILE: usize = 8;
+pub(super) const TILE: usize = 8;
 
 /// h_c += x' y_c: entries of x are loaded once for all c.
 #[inline(always)]
@@ -35,7 +35,7 @@ pub(super) fn add_products<S: Simd, const C: usize>(
     for part in 0..parts {
         let mut sums = [[zero; WIDTH]; C];
         for (r, x) in x.iter().enumerate() {
-            prefetch_index(ahead, r);
+            prefetch(&ahead[r]);
             let y = y.map(|y| y[r * parts + part]);
             for i in 0..WIDTH {
                 let entry = simd.splat_f64s(x[i]);
@@ -56,35 +56,45 @@ pub(super) fn add_products<S: Simd, const C: usize>(
 #[inline(always)]
 pub(super) fn subtract_products<S: Simd, const C: usize>(
     simd: S,
-    y: [&mut Run; C],
+    mut y: [&mut Run; C],
     x: &Run,
     h: [&Block; C],
     ahead: Option<&Run>,
 ) {
+    let ahead = ahead.unwrap_or(x).as_chunks::<TILE>().0;
+    for (tile, (x, ahead)) in x.as_chunks::<TILE>().0.iter().zip(ahead).enumerate() {
+        ahead.iter().for_each(prefetch);
+        subtract_from_tile(simd, y.each_mut().map(|y| &mut y.as_chunks_mut::<TILE>().0[tile]), x, h);
+    }
+}
+
+/// The same for some rows.
+#[inline(always)]
+pub(super) fn subtract_from_tile<S: Simd, const C: usize>(
+    simd: S,
+    y: [&mut [Row; TILE]; C],
+    x: &[Row; TILE],
+    h: [&Block; C],
+) {
     let parts = parts::<S>();
     if C > 1 && parts > 1 {
-        y.into_iter().zip(h).for_each(|(y, h)| subtract_products(simd, [y], x, [h], ahead));
+        y.into_iter().zip(h).for_each(|(y, h)| subtract_from_tile(simd, [y], x, [h]));
         return;
     }
-    let ahead = ahead.unwrap_or(x);
     let (mut y, h) = (y.map(|y| registers_mut::<S>(y)), h.map(|h| registers::<S>(h)));
-    for (tile, x) in x.as_chunks::<TILE>().0.iter().enumerate() {
-        (0..TILE).for_each(|r| prefetch_index(ahead, tile * TILE + r));
-        for part in 0..parts {
-            let at = |r: usize| (tile * TILE + r) * parts + part;
-            let mut rows: [[S::f64s; TILE]; C] = std::array::from_fn(|c| std::array::from_fn(|r| y[c][at(r)]));
-            for i in 0..WIDTH {
-                for r in 0..TILE {
-                    let entry = simd.splat_f64s(x[r][i]);
-                    for c in 0..C {
-                        rows[c][r] = simd.negate_mul_add_f64s(entry, h[c][i * parts + part], rows[c][r]);
-                    }
+    for part in 0..parts {
+        let mut rows: [[S::f64s; TILE]; C] = std::array::from_fn(|c| std::array::from_fn(|r| y[c][r * parts + part]));
+        for i in 0..WIDTH {
+            for r in 0..TILE {
+                let entry = simd.splat_f64s(x[r][i]);
+                for c in 0..C {
+                    rows[c][r] = simd.negate_mul_add_f64s(entry, h[c][i * parts + part], rows[c][r]);
                 }
             }
-            for (y, rows) in y.iter_mut().zip(rows) {
-                for (r, row) in rows.into_iter().enumerate() {
-                    y[at(r)] = row;
-                }
+        }
+        for (y, rows) in y.iter_mut().zip(rows) {
+            for (r, row) in rows.into_iter().enumerate() {
+                y[r * parts + part] = row;
             }
         }
     }

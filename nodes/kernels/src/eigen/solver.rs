@@ -253,6 +253,7 @@ impl<'a> Solver<'a> {
         target.resize(n * (null + vectors.len()), 0.0);
         let room = &mut target[n * null..];
         let findings = columns.examine(vectors, self.wanted(), self.options.tolerance, room, count)?;
+        let orthogonality = orthogonality.max(findings.null);
         Ok((target, findings, orthogonality))
     }
 

@@ -3,9 +3,12 @@
 
 use super::panel::{Block, Row, WIDTH, ZERO};
 use super::pool::{Panel, RUN};
-use faer::MatRef;
+use super::rows::{TILE, add_products, subtract_from_tile};
+use crate::simd::prefetch;
+use faer::{ColRef, MatRef};
 use pulp::{Arch, Simd, WithSimd};
 use std::ops::Range;
+use std::slice::from_ref;
 
 /// Panels whose runs stay in the second-level cache while all others go by.
 const GROUP: usize = 8;
@@ -36,11 +39,11 @@ impl Triangle {
         Self(vec![ZERO; panels * (panels + 1) / 2])
     }
 
-    /// Row and column count vectors.
-    pub fn get(&self, i: usize, j: usize) -> f64 {
-        let (i, j) = (i.max(j), i.min(j));
-        let (row, column) = (i / WIDTH, j / WIDTH);
-        self.0[row * (row + 1) / 2 + column][i % WIDTH][j % WIDTH]
+    /// The entries of a row by column, up to the diagonal; both count vectors.
+    pub fn row(&self, i: usize) -> impl Fn(usize) -> f64 {
+        let row = i / WIDTH;
+        let blocks = &self.0[row * (row + 1) / 2..][..=row];
+        move |j| blocks[j / WIDTH][i % WIDTH][j % WIDTH]
     }
 
     pub fn add(&mut self, other: &Self) {
@@ -75,60 +78,19 @@ impl WithSimd for Gram<'_> {
                     let begin = row * (row + 1) / 2;
                     let sums = &mut self.sums[begin + columns.start..begin + columns.end];
                     let x = &self.panels[row][run];
+                    // What comes next, mostly.
+                    let mut next = self.panels.get(row + 1).map_or_else(|| self.panels[0].get(run + 1), |p| p.get(run));
                     let (pairs, single) = sums.as_chunks_mut::<2>();
-                    for (pair, column) in pairs.iter_mut().zip(columns.clone().step_by(2)) {
-                        add_products(simd, pair, x, &self.panels[column][run], &self.panels[column + 1][run]);
+                    for ([g, h], column) in pairs.iter_mut().zip(columns.clone().step_by(2)) {
+                        let y = [&self.panels[column][run], &self.panels[column + 1][run]];
+                        add_products(simd, x, y, [g, h], next.take());
                     }
                     for sum in single {
-                        add_product(simd, sum, x, &self.panels[columns.end - 1][run]);
+                        add_products(simd, x, [&self.panels[columns.end - 1][run]], [sum], next.take());
                     }
                 }
             }
         }
-    }
-}
-
-/// h += x' y.
-#[inline(always)]
-fn add_product<S: Simd>(simd: S, h: &mut Block, x: &[Row], y: &[Row]) {
-    let parts = parts::<S>();
-    for part in 0..parts {
-        let mut sums = [simd.splat_f64s(0.0); WIDTH];
-        for (x, y) in x.iter().zip(registers::<S>(y).chunks_exact(parts)) {
-            for i in 0..WIDTH {
-                sums[i] = simd.mul_add_f64s(simd.splat_f64s(x[i]), y[part], sums[i]);
-            }
-        }
-        add_sums(simd, h, &sums, part);
-    }
-}
-
-/// Both at once, so that entries of x are loaded once for two products.
-#[inline(always)]
-fn add_products<S: Simd>(simd: S, h: &mut [Block; 2], x: &[Row], y: &[Row], z: &[Row]) {
-    let parts = parts::<S>();
-    if parts > 1 {
-        // Too few registers for that.
-        add_product(simd, &mut h[0], x, y);
-        add_product(simd, &mut h[1], x, z);
-        return;
-    }
-    let mut sums = [[simd.splat_f64s(0.0); WIDTH]; 2];
-    for ((x, y), z) in x.iter().zip(registers::<S>(y)).zip(registers::<S>(z)) {
-        for i in 0..WIDTH {
-            let factor = simd.splat_f64s(x[i]);
-            sums[0][i] = simd.mul_add_f64s(factor, *y, sums[0][i]);
-            sums[1][i] = simd.mul_add_f64s(factor, *z, sums[1][i]);
-        }
-    }
-    add_sums(simd, &mut h[0], &sums[0], 0);
-    add_sums(simd, &mut h[1], &sums[1], 0);
-}
-
-#[inline(always)]
-fn add_sums<S: Simd>(simd: S, h: &mut Block, sums: &[S::f64s; WIDTH], part: usize) {
-    for (row, sum) in registers_mut::<S>(h).chunks_exact_mut(parts::<S>()).zip(sums) {
-        row[part] = simd.add_f64s(row[part], *sum);
     }
 }
 
@@ -151,63 +113,84 @@ impl WithSimd for Subtraction<'_, '_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         for run in 0..self.runs {
-            for (to, from, block) in self.steps {
-                if to == from {
-                    // Rows are read before they are written.
-                    for rows in self.panels[*to][run].as_chunks_mut::<8>().0 {
-                        let x = *rows;
-                        subtract_product(simd, rows, &x, block);
+            for (s, (to, from, block)) in self.steps.iter().enumerate() {
+                let (next, next_run) = self.steps.get(s + 1).map_or((&self.steps[0], run + 1), |next| (next, run));
+                for tile in 0..RUN / TILE {
+                    for panel in [next.0, next.1].into_iter().filter(|panel| panel != to) {
+                        let rows = self.panels[panel].get(next_run).map(|rows| &rows.as_chunks::<TILE>().0[tile]);
+                        rows.into_iter().flatten().for_each(prefetch);
                     }
-                } else if let Ok([y, x]) = self.panels.get_disjoint_mut([*to, *from]) {
-                    for (y, x) in y[run].as_chunks_mut::<8>().0.iter_mut().zip(x[run].as_chunks::<8>().0) {
-                        subtract_product(simd, y, x, block);
-                    }
+                    // Read before it is written: both may be the same.
+                    let x = self.panels[*from][run].as_chunks().0[tile];
+                    subtract_from_tile(simd, [&mut self.panels[*to][run].as_chunks_mut().0[tile]], &x, [block]);
                 }
             }
         }
     }
 }
 
-/// y -= x h for eight rows, so that products do not wait for each other.
-#[inline(always)]
-fn subtract_product<S: Simd>(simd: S, y: &mut [Row; 8], x: &[Row; 8], h: &Block) {
-    let parts = parts::<S>();
-    let (y, h) = (registers_mut::<S>(y), registers::<S>(h));
-    for part in 0..parts {
-        let mut rows: [S::f64s; 8] = std::array::from_fn(|r| y[r * parts + part]);
-        for i in 0..WIDTH {
-            for r in 0..8 {
-                rows[r] = simd.negate_mul_add_f64s(simd.splat_f64s(x[r][i]), h[i * parts + part], rows[r]);
-            }
-        }
-        for r in 0..8 {
-            y[r * parts + part] = rows[r];
-        }
-    }
-}
-
-/// Rows that are multiplied at once, and columns of the factor: as many products as registers hold, with few loads for each.
-const TILE: usize = 8;
+/// Panels of columns of the factor that are multiplied at once: with the rows of a tile as many products as registers hold, and few loads for each.
 const SLAB: usize = 3;
 
 /// Rows of all panels that stay in the second-level cache while the factor goes by.
-const PIECE: usize = 64;
+const PIECE: usize = 32;
 
-/// Puts V c in place of the first panels of V; c has eight rows per panel, and panels of columns.
-pub(super) fn replace_by_product(panels: &mut [&mut Panel], c: MatRef<'_, f64>) {
-    let slab = |first: usize| {
-        let columns = (c.ncols() / WIDTH - first).min(SLAB);
-        let row = |k: usize, p: usize| std::array::from_fn(|q| c[(k, (first + p) * WIDTH + q)]);
-        (0..c.nrows()).flat_map(|k| (0..columns).map(move |p| (k, p))).map(|(k, p)| row(k, p)).collect()
-    };
-    let slabs: Vec<Vec<Row>> = (0..c.ncols() / WIDTH).step_by(SLAB).map(slab).collect();
-    Arch::new().dispatch(Replacement { panels, slabs: &slabs });
+/// Aligned to cache lines: rows that lie across two are slow to load.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+struct Aligned<T>(T);
+
+/// Puts V c in place of the first panels of V.
+pub(super) fn replace_by_product(panels: &mut [&mut Panel], c: &Combination) {
+    Arch::new().dispatch(Replacement { panels, slabs: &c.0 });
+}
+
+/// A matrix with eight rows for each panel that it multiplies, and panels of columns, which are together with those that end where they do: zeros
+/// at the end are left out.
+pub(super) struct Combination(Vec<Slab>);
+
+/// Up to three panels of columns.
+struct Slab {
+    columns: Vec<usize>,
+    /// Row by row, eight for each panel that is multiplied.
+    rows: Vec<Aligned<Row>>,
+}
+
+impl Slab {
+    /// Panels that are multiplied.
+    fn depth(&self) -> usize {
+        self.rows.len() / (WIDTH * self.columns.len())
+    }
+}
+
+impl Combination {
+    pub fn new(c: MatRef<'_, f64>) -> Self {
+        let filled = |column: ColRef<'_, f64>| (0..c.nrows()).rev().find(|&i| column[i] != 0.0).map_or(0, |i| i + 1);
+        let depth = |p: usize| c.subcols(p * WIDTH, WIDTH).col_iter().map(filled).max().unwrap_or(0).div_ceil(WIDTH);
+        let mut panels: Vec<_> = (0..c.ncols() / WIDTH).map(|p| (depth(p), p)).collect();
+        panels.sort_unstable();
+        let (mut slabs, mut rest) = (Vec::new(), &panels[..]);
+        while let Some(&(depth, _)) = rest.last() {
+            // Two and two rather than three and one.
+            let width = if rest.len() == SLAB + 1 { 2 } else { SLAB.min(rest.len()) };
+            let (others, slab) = rest.split_at(rest.len() - width);
+            let mut rows = vec![Aligned([0.0; WIDTH]); depth * WIDTH * width];
+            for (i, (_, p)) in slab.iter().enumerate() {
+                for (q, column) in c.subcols(p * WIDTH, WIDTH).col_iter().enumerate() {
+                    let rows = rows.iter_mut().skip(i).step_by(width);
+                    rows.zip(column.iter()).for_each(|(row, x)| row.0[q] = *x);
+                }
+            }
+            slabs.push(Slab { columns: slab.iter().map(|panel| panel.1).collect(), rows });
+            rest = others;
+        }
+        Self(slabs)
+    }
 }
 
 struct Replacement<'a, 'b> {
     panels: &'a mut [&'b mut Panel],
-    /// Up to three panels of columns each, row by row.
-    slabs: &'a [Vec<Row>],
+    slabs: &'a [Slab],
 }
 
 impl WithSimd for Replacement<'_, '_> {
@@ -215,75 +198,103 @@ impl WithSimd for Replacement<'_, '_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let (count, runs) = (self.panels.len(), self.panels.first().map_or(0, |panel| panel.len()));
-        let mut rows = vec![[[0.0; WIDTH]; TILE]; count * PIECE / TILE];
-        for (run, begin) in (0..runs).flat_map(|run| (0..RUN).step_by(PIECE).map(move |begin| (run, begin))) {
+        let (count, length) = (self.panels.len(), self.panels.first().map_or(0, |panel| panel.len() * RUN));
+        let mut rows = vec![Aligned([[0.0; WIDTH]; TILE]); count * PIECE / TILE];
+        let steps = self.slabs.iter().map(Slab::depth).sum::<usize>() * (PIECE / TILE);
+        let share = (count * PIECE).div_ceil(steps.max(1));
+        for begin in (0..length).step_by(PIECE) {
             for (p, panel) in self.panels.iter().enumerate() {
-                for (g, tile) in panel[run][begin..begin + PIECE].as_chunks().0.iter().enumerate() {
-                    rows[g * count + p] = *tile;
+                for (g, tile) in panel.as_flattened()[begin..begin + PIECE].as_chunks().0.iter().enumerate() {
+                    rows[g * count + p].0 = *tile;
                 }
             }
-            for (target, slab) in self.panels.chunks_mut(SLAB).zip(self.slabs) {
-                for (g, x) in rows.chunks_exact(count).enumerate() {
-                    let at = begin + g * TILE..begin + (g + 1) * TILE;
-                    match slab.len() / (WIDTH * count) {
-                        3 => multiply::<S, 3>(simd, x, slab, target, run, at),
-                        2 => multiply::<S, 2>(simd, x, slab, target, run, at),
-                        _ => multiply::<S, 1>(simd, x, slab, target, run, at),
+            let mut ahead = Ahead { begin: begin + PIECE, row: 0, share };
+            for slab in self.slabs {
+                for (at, x) in (begin..).step_by(TILE).zip(rows.chunks_exact(count)) {
+                    match slab.columns.len() {
+                        3 => multiply::<S, 3>(simd, x, slab, self.panels, at, ahead),
+                        2 => multiply::<S, 2>(simd, x, slab, self.panels, at, ahead),
+                        _ => multiply::<S, 1>(simd, x, slab, self.panels, at, ahead),
                     }
+                    ahead.row += share * slab.depth();
                 }
             }
         }
     }
 }
 
-/// Eight rows of C panels of the product.
+/// Rows of all panels that will be copied next, from memory that is slower than the products are.
+#[derive(Clone, Copy)]
+struct Ahead {
+    begin: usize,
+    /// The next of them to be asked for, panel by panel.
+    row: usize,
+    /// So many at once.
+    share: usize,
+}
+
+impl Ahead {
+    /// Asks for the share of a step.
+    #[inline(always)]
+    fn prefetch(self, panels: &[&mut Panel], step: usize) {
+        let first = self.row + step * self.share;
+        for row in first..first + self.share {
+            if let Some(row) = panels.get(row / PIECE).and_then(|p| p.as_flattened().get(self.begin + row % PIECE)) {
+                prefetch(row);
+            }
+        }
+    }
+}
+
+/// Eight rows, from `at`, of C panels of the product.
 #[inline(always)]
 fn multiply<S: Simd, const C: usize>(
     simd: S,
-    x: &[[Row; TILE]],
-    slab: &[Row],
-    target: &mut [&mut Panel],
-    run: usize,
-    at: Range<usize>,
+    x: &[Aligned<[Row; TILE]>],
+    slab: &Slab,
+    panels: &mut [&mut Panel],
+    at: usize,
+    ahead: Ahead,
 ) {
-    let parts = parts::<S>();
-    let factors = slab.as_chunks::<C>().0;
-    let mut store = |first: usize, part: usize, sums: &[[S::f64s; C]]| {
+    let (parts, factors) = (parts::<S>(), slab.rows.as_chunks::<C>().0);
+    let store = |panels: &mut [&mut Panel], first: usize, part: usize, sums: &[[S::f64s; C]]| {
         for (r, row) in sums.iter().enumerate() {
-            for (panel, sum) in target.iter_mut().zip(row) {
-                registers_mut::<S>(&mut panel[run][at.start + first + r..][..1])[part] = *sum;
+            for (panel, sum) in slab.columns.iter().zip(row) {
+                registers_mut::<S>(&mut panels[*panel].as_flattened_mut()[at + first + r..][..1])[part] = *sum;
             }
         }
     };
     if parts == 1 {
-        store(0, 0, &tile::<S, TILE, C>(simd, x, factors, 0, 0));
+        let sums = tile::<S, TILE, C>(simd, x, factors, 0, 0, |p| ahead.prefetch(panels, p));
+        store(panels, 0, 0, &sums);
         return;
     }
     // Fewer and shorter registers.
     for (first, part) in [0, TILE / 2].into_iter().flat_map(|first| (0..parts).map(move |part| (first, part))) {
-        store(first, part, &tile::<S, { TILE / 2 }, C>(simd, x, factors, first, part));
+        let sums = tile::<S, { TILE / 2 }, C>(simd, x, factors, first, part, |_| ());
+        store(panels, first, part, &sums);
     }
 }
 
-/// Products of R rows with one register of each of C panels.
+/// Products of R rows with one register of each of C panels; something else may be done at each step.
 #[inline(always)]
 fn tile<S: Simd, const R: usize, const C: usize>(
     simd: S,
-    x: &[[Row; TILE]],
-    factors: &[[Row; C]],
+    x: &[Aligned<[Row; TILE]>],
+    factors: &[[Aligned<Row>; C]],
     first: usize,
     part: usize,
+    aside: impl Fn(usize),
 ) -> [[S::f64s; C]; R] {
-    let parts = parts::<S>();
     let mut sums = [[simd.splat_f64s(0.0); C]; R];
-    for (rows, factors) in x.iter().zip(factors.as_chunks::<WIDTH>().0) {
-        for i in 0..WIDTH {
-            let factors = registers::<S>(&factors[i]);
+    for (step, (rows, factors)) in x.iter().zip(factors.as_chunks::<WIDTH>().0).enumerate() {
+        aside(step);
+        for (i, factors) in factors.iter().enumerate() {
+            let factors: [S::f64s; C] = std::array::from_fn(|c| registers::<S>(from_ref(&factors[c].0))[part]);
             for r in 0..R {
-                let entry = simd.splat_f64s(rows[first + r][i]);
+                let entry = simd.splat_f64s(rows.0[first + r][i]);
                 for c in 0..C {
-                    sums[r][c] = simd.mul_add_f64s(entry, factors[c * parts + part], sums[r][c]);
+                    sums[r][c] = simd.mul_add_f64s(entry, factors[c], sums[r][c]);
                 }
             }
         }
@@ -326,7 +337,7 @@ mod tests {
             let [mut sum, part] = parts;
             sum.add(&part);
             let y = dense(&panels);
-            let found = Mat::from_fn(y.ncols(), y.ncols(), |i, j| sum.get(i, j));
+            let found = Mat::from_fn(y.ncols(), y.ncols(), |i, j| sum.row(i.max(j))(i.min(j)));
             assert!(distance(&found, &(y.transpose() * &y)) < 1e-12);
         }
     }
@@ -354,13 +365,15 @@ mod tests {
 
     #[test]
     fn the_product_takes_the_place_of_the_first_panels() {
-        for (count, columns) in [(9, 5), (4, 3), (3, 1), (2, 2)] {
+        for (count, columns) in [(9, 5), (9, 4), (4, 3), (3, 1), (2, 2)] {
             let mut panels = random_panels(count);
             let before = dense(&panels);
             let mut random = Random::from_state(6);
-            let c = Mat::from_fn(count * WIDTH, columns * WIDTH, |_, _| random.signed());
+            // Columns end at different rows, and those of every third panel are zeros.
+            let end = |j: usize| if j / WIDTH % 3 == 2 { 0 } else { count * WIDTH - j / WIDTH * 5 };
+            let c = Mat::from_fn(count * WIDTH, columns * WIDTH, |i, j| if i < end(j) { random.signed() } else { 0.0 });
             let mut views: Vec<&mut Panel> = panels.iter_mut().map(Vec::as_mut_slice).collect();
-            replace_by_product(&mut views, c.as_ref());
+            replace_by_product(&mut views, &Combination::new(c.as_ref()));
             assert!(distance(&dense(&panels[..columns]), &(before * c)) < 1e-12);
         }
     }
@@ -373,10 +386,15 @@ mod tests {
             let mut sums = Triangle::zeros(5).0;
             Gram { panels: &views, runs: 0..RUNS, sums: &mut sums }.with_simd(simd);
             let block = sums[3].map(|row| row.map(|x| 0.01 * x));
-            let slabs = [3, 1].map(|columns| (0..5 * WIDTH * columns).map(|i| panels[1][0][i]).collect());
+            let factors = [3, 2, 1].map(|columns| {
+                let entry = |i: usize, j: usize| panels[1][0][i + 40 * (j / WIDTH)][j % WIDTH];
+                Combination::new(Mat::from_fn(5 * WIDTH, columns * WIDTH, entry).as_ref())
+            });
             let mut views: Vec<&mut Panel> = panels.iter_mut().map(Vec::as_mut_slice).collect();
             Subtraction { panels: &mut views, steps: &[(4, 4, block), (4, 2, block)], runs: RUNS }.with_simd(simd);
-            Replacement { panels: &mut views, slabs: &slabs }.with_simd(simd);
+            for Combination(slabs) in &factors {
+                Replacement { panels: &mut views, slabs }.with_simd(simd);
+            }
             (sums, panels)
         }
         let widest = results(pulp::Scalar512b);

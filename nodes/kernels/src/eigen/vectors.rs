@@ -115,28 +115,76 @@ impl<'a> Vectors<'a> {
     }
 }
 
-/// Fills rows by vertex from rows in elimination order, each multiplied by the scale at its vertex.
-pub(super) fn by_vertex(panel: &Panel, order: &[u32], scale: &[f64], rows: &mut [Row]) {
-    vectorised(
-        #[inline(always)]
-        || {
-            for (&vertex, y) in order.iter().zip(panel.as_flattened()) {
-                rows[vertex as usize] = y.map(|x| x * scale[vertex as usize]);
-            }
-        },
-    );
+/// What goes by when a panel of y is put in order by vertex.
+pub(super) struct Moments {
+    /// The largest magnitude of a product with a null vector.
+    pub null: f64,
+    /// The weighted sums of cubes, and of their magnitudes, up to a common factor.
+    pub cubes: Row,
+    pub magnitudes: Row,
 }
 
-/// The product of a panel with the null vectors, the largest magnitude.
-pub(super) fn null_product(panel: &Panel, null: &Null) -> f64 {
-    let mut sums = vec![[0.0; WIDTH]; null.count];
+/// Fills rows by vertex from rows in elimination order, each multiplied by the scale at its vertex.
+pub(super) fn by_vertex(panel: &Panel, order: &[u32], scale: &[f64], null: &Null, rows: &mut [Row]) -> Moments {
+    let (y, mut products) = (panel.as_flattened(), vec![[0.0; WIDTH]; null.count]);
+    let [mut cubes, mut magnitudes] = [[0.0; WIDTH]; 2];
     vectorised(
         #[inline(always)]
         || {
-            for (run, rows) in panel.iter().enumerate() {
-                null.add_product(run, rows, &mut sums);
+            let (mut label, mut product) = (0, [0.0; WIDTH]);
+            let [mut cubed, mut size] = [[0.0; WIDTH]; 2];
+            let entries = null.labels.iter().zip(&null.units);
+            for ((y, &vertex), (&own, &unit)) in y.iter().zip(order).zip(entries) {
+                if own != label {
+                    products[label as usize] = product;
+                    (label, product) = (own, products[own as usize]);
+                }
+                let x = y.map(|y| y * scale[vertex as usize]);
+                for q in 0..WIDTH {
+                    product[q] = unit.mul_add(y[q], product[q]);
+                    cubed[q] = (y[q] * y[q]).mul_add(x[q], cubed[q]);
+                    size[q] = (y[q] * y[q]).mul_add(x[q].abs(), size[q]);
+                }
+                rows[vertex as usize] = x;
             }
+            products[label as usize] = product;
+            (cubes, magnitudes) = (cubed, size);
         },
     );
-    sums.as_flattened().iter().fold(0.0f64, |m, x| m.max(x.abs()))
+    let null = products.as_flattened().iter().fold(0.0f64, |m, x| m.max(x.abs()));
+    Moments { null, cubes, magnitudes }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::eigen::pool::RUN;
+    use crate::random::Random;
+
+    #[test]
+    fn sums_on_the_way_are_those_of_plain_loops() {
+        const N: usize = RUN - 3;
+        let mut random = Random::from_state(8);
+        let panel = [std::array::from_fn(|_| std::array::from_fn(|_| random.signed()))];
+        let order: Vec<u32> = (0..N).map(|i| (7 * i % N) as u32).collect();
+        let scale: Vec<f64> = (0..N).map(|_| 0.5 + random.unit()).collect();
+        // Components take turns.
+        let labels = (0..N).map(|i| (i / 5 % 3) as u32).collect();
+        let null = Null { labels, units: (0..N).map(|_| random.signed()).collect(), count: 3 };
+        let mut rows = vec![[0.0; WIDTH]; N];
+        let moments = by_vertex(&panel, &order, &scale, &null, &mut rows);
+        let mut largest = 0.0f64;
+        for q in 0..WIDTH {
+            let y = |i: usize| panel[0][i][q];
+            assert!((0..N).all(|i| rows[order[i] as usize][q] == y(i) * scale[order[i] as usize]));
+            for label in 0..3 {
+                let own = (0..N).filter(|&i| null.labels[i] == label);
+                largest = largest.max(own.map(|i| null.units[i] * y(i)).sum::<f64>().abs());
+            }
+            let cubes = |i: usize| y(i) * y(i) * rows[order[i] as usize][q];
+            assert!((moments.cubes[q] - (0..N).map(cubes).sum::<f64>()).abs() < 1e-12);
+            assert!((moments.magnitudes[q] - (0..N).map(|i| cubes(i).abs()).sum::<f64>()).abs() < 1e-12);
+        }
+        assert!((moments.null - largest).abs() < 1e-12 && largest > 0.1);
+    }
 }
