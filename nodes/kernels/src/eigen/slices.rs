@@ -52,8 +52,12 @@ pub(super) fn slice_count(wanted: usize) -> usize {
     (wanted / SLICE_PAIRS).max(1)
 }
 
+/// Where the shift is best in the lowest window, by the share of its eigenvalues that are below: those end with the spectrum, and converge sooner than
+/// others that are as far. Measured with 100 pairs on six meshes: 30 to 31 blocks with 53 to 60 below, 32 to 33 with 50, 33 to 34 with 65.
+const LOWEST: f64 = 0.55;
+
 /// The uppermost shift may miss its place by this share of a window.
-const OFF: f64 = 0.15;
+const OFF: f64 = 0.08;
 
 /// How an attempt differs from the first one.
 #[derive(Clone, Copy)]
@@ -85,10 +89,10 @@ fn plan(spectrum: &Spectrum<'_>, attempt: Attempt) -> Result<Vec<Slice>, EigenEr
     let count = slice_count(spectrum.wanted);
     let wanted = spectrum.wanted as f64;
     let share = wanted / count as f64;
-    let aim = wanted - 0.5 * share;
     let nudge = [1.0, 0.93, 1.06, 0.97][attempt.number % 4];
+    let aim = nudge * if count == 1 { LOWEST * wanted } else { wanted - 0.5 * share };
     // Area 1: eigenvalue number j is about 4 pi j.
-    let mut top = 4.0 * PI * aim.max(1.0) * nudge;
+    let mut top = 4.0 * PI * aim.max(1.0);
     let mut tries = 0;
     let (factor, below) = loop {
         enter(spectrum.hooks, Phase::Factorise)?;
@@ -100,13 +104,14 @@ fn plan(spectrum: &Spectrum<'_>, attempt: Attempt) -> Result<Vec<Slice>, EigenEr
         tries += 1;
         top *= (aim / below.max(1.0)).clamp(0.05, 20.0);
     };
-    // The uppermost window reaches as far below its shift as above it; the others share the rest.
+    // The uppermost window of several reaches as far below its shift as above it; the others share the rest.
     let edge = (2.0 * below - wanted).clamp(0.0, below);
     let value = |number: f64| top * number / below.max(1.0);
     let slices = (0..count).map(|i| {
         let width = edge / (count - 1).max(1) as f64;
         let begin = i as f64 * width;
-        let (shift, pairs) = if i + 1 == count { (top, wanted - begin) } else { (value(begin + 0.5 * width), width) };
+        let middle = if i == 0 { LOWEST } else { 0.5 };
+        let (shift, pairs) = if i + 1 == count { (top, wanted - begin) } else { (value(begin + middle * width), width) };
         Slice { begin: value(begin), shift, pairs: pairs as usize, factor: Mutex::new(None) }
     });
     let slices: Vec<Slice> = slices.collect();
