@@ -127,7 +127,7 @@ pub(super) fn lanczos<'a>(run: &Run<'_, 'a>, hooks: &'a dyn Hooks, step: &dyn Fn
 /// Blocks that convergence takes, measured: with pairs on both sides of the shift up to the end of the spectrum on one of them, or up to a window's
 /// edge. A block too many costs less than another look at the projected problem where n is small.
 pub(super) fn expected_blocks(pairs: usize, from_bottom: bool) -> usize {
-    let (slope, start) = if from_bottom { (1.7, 86.0) } else { (1.95, 128.0) };
+    let (slope, start) = if from_bottom { (1.65, 84.0) } else { (1.95, 128.0) };
     ((slope * pairs as f64 + start) / WIDTH as f64).ceil() as usize
 }
 

@@ -111,7 +111,8 @@ fn plan(spectrum: &Spectrum<'_>, attempt: Attempt) -> Result<Vec<Slice>, EigenEr
         let width = edge / (count - 1).max(1) as f64;
         let begin = i as f64 * width;
         let middle = if i == 0 { LOWEST } else { 0.5 };
-        let (shift, pairs) = if i + 1 == count { (top, wanted - begin) } else { (value(begin + middle * width), width) };
+        let (shift, pairs) =
+            if i + 1 == count { (top, wanted - begin) } else { (value(begin + middle * width), width) };
         Slice { begin: value(begin), shift, pairs: pairs as usize, factor: Mutex::new(None) }
     });
     let slices: Vec<Slice> = slices.collect();
