@@ -51,7 +51,7 @@ impl Pool {
         while prepared.count() < panels && wanted() {
             prepared.grow()?;
             let (_, last) = prepared.split().unwrap_or_default();
-            last.as_flattened_mut().iter_mut().step_by(PAGE / size_of::<Row>()).for_each(|row| row[0] = 0.0);
+            touch(last.as_flattened_mut());
         }
         Ok(())
     }
@@ -61,8 +61,15 @@ impl Pool {
         self.free.clear();
     }
 
-    /// New zeroed panels.
+    /// New zeroed panels, touched: pages that are read before they are written cost two faults, and while another thread runs, an interrupt of its
+    /// processor (25 us a page).
     pub fn panels(&self, count: usize) -> Result<Rows, EigenError> {
+        let mut panels = self.untouched(count)?;
+        touch(panels.as_mut_slice());
+        Ok(panels)
+    }
+
+    fn untouched(&self, count: usize) -> Result<Rows, EigenError> {
         Rows::zeroed(count * self.runs * RUN).map_err(|_| EigenError::Memory)
     }
 
@@ -87,7 +94,7 @@ impl Pool {
 
     fn own_chunk(&self, panels: usize) -> Result<Chunk, EigenError> {
         let free = self.free.take();
-        Ok(Chunk::Own(free.map_or_else(|| self.panels(panels), Ok)?))
+        Ok(Chunk::Own(free.map_or_else(|| self.untouched(panels), Ok)?))
     }
 
     fn give_back(&self, chunks: impl IntoIterator<Item = Chunk>) {
@@ -125,6 +132,11 @@ impl Chunk {
         };
         rows.as_chunks_mut().0.chunks_exact_mut(runs)
     }
+}
+
+/// Writes to every page.
+fn touch(rows: &mut [Row]) {
+    rows.iter_mut().step_by(PAGE / size_of::<Row>()).for_each(|row| row[0] = 0.0);
 }
 
 /// Numbers before the first cache line: rows that lie across two are slow to load.
