@@ -1,7 +1,7 @@
 //! Products of the rows of runs in explicit SIMD instructions: of plain loops over rows the compiler makes gathers.
 //!
-//! Every entry is summed in the same order whatever the width of a register. The run `ahead`, if there is one, is fetched row by row meanwhile: twice as fast as
-//! without, for panels beyond the cache.
+//! Every entry is summed in the same order whatever the width of a register. The run `ahead`, if there is one, is fetched row by row meanwhile, so that
+//! memory arrives while there is something to compute.
 
 use super::panel::{Block, Row, WIDTH};
 use super::pool::RUN;
