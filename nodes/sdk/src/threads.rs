@@ -11,6 +11,9 @@ use std::time::{Duration, Instant};
 /// A thread without work looks for more so long before it sleeps: as long as passes of the eigensolver are apart.
 const PATIENCE: Duration = Duration::from_micros(200);
 
+/// And so long at most, if there always is some: it may have begun to look while a task that it was at waited for others.
+const TURN: Duration = Duration::from_millis(4);
+
 /// As many as run beside a caller. With one for the caller too, that one would be woken for every task and take the caller's processor.
 static POOL: LazyLock<Option<ThreadPool>> = LazyLock::new(|| {
     let threads = processors().saturating_sub(1).max(1);
@@ -46,7 +49,10 @@ pub fn each(extra: usize, count: usize, task: &(dyn Fn(usize) + Sync)) {
                 left.fetch_sub(1, Ordering::Release);
             });
         }
-        keep_awake(pool, extra);
+        // A thread of the pool would take that upon itself.
+        if pool.current_thread_index().is_none() {
+            keep_awake(pool, extra);
+        }
         work();
         // The others will be done soon: to sleep until then takes longer.
         let start = Instant::now();
@@ -61,8 +67,9 @@ fn keep_awake(pool: &ThreadPool, threads: usize) {
     while AWAKE.load(Ordering::Relaxed) < threads {
         AWAKE.fetch_add(1, Ordering::Relaxed);
         pool.spawn(|| {
-            let mut last = Instant::now();
-            while last.elapsed() < PATIENCE {
+            let begin = Instant::now();
+            let mut last = begin;
+            while last.elapsed() < PATIENCE && begin.elapsed() < TURN {
                 match yield_now() {
                     Some(Yield::Executed) => last = Instant::now(),
                     _ => std::thread::yield_now(),
