@@ -213,12 +213,7 @@ impl Hooks for ContextHooks<'_> {
         self.0.cancelled()
     }
     fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
-        let tasks: Vec<usize> = (0..count).collect();
-        let run = |_: usize, &i: &usize| {
-            task(i);
-            Ok(())
-        };
-        // Of a run that was stopped some tasks are left out, which the kernel notices.
-        let _stopped: Result<Vec<()>, NodeError> = self.0.map(&tasks, run);
+        // Tasks that are left out are noticed by the kernel.
+        self.0.each(count, task);
     }
 }

@@ -331,13 +331,7 @@ fn unsolvable(e: SolveError) -> NodeError {
 
 /// Workers of the run for the parts of the heuristics. What a cancelled run leaves out is never looked at.
 fn lent(cx: Context) -> impl Fn(usize, &(dyn Fn(usize) + Sync)) {
-    move |n, call| {
-        let all: Vec<usize> = (0..n).collect();
-        let _ = cx.map(&all, |_, i| {
-            call(*i);
-            Ok(())
-        });
-    }
+    move |n, call| cx.each(n, call)
 }
 
 fn solve(problem: &Problem, limit: Limit, cx: Context) -> Result<Solution, NodeError> {

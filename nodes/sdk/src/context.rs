@@ -93,6 +93,16 @@ impl<'a> Context<'a> {
         self.host.record(name, value.into());
     }
 
+    /// Runs `task(0)` to `task(count - 1)` on the workers that are idle. Of a run that was stopped some are left out.
+    pub fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
+        let extra = Borrowed::new(self.host, count.saturating_sub(1));
+        threads::each(extra.count, count, &|i| {
+            if !self.cancelled() {
+                task(i);
+            }
+        });
+    }
+
     /// Applies `f` to every item on the workers that are idle, and returns the results in order.
     ///
     /// The result does not depend on the number of workers as long as `f` is a pure function. The

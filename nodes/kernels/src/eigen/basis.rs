@@ -5,12 +5,13 @@
 
 use super::panel::{Block, Row, Rows, WIDTH, ZERO, add, norm, product, subtract_multiple};
 use super::parts::Pass;
-use super::passes::{Nearest, Product, Products, Removal, Step, dispatch};
+use super::passes::{Nearest, Product, Products, Removal, Step};
 use super::pool::{Panel, Panels, Pool, RUN, runs, runs_mut};
 use super::tiles::{Combination, replace_by_product, subtract_products};
 use super::{EigenError, Hooks};
 use crate::random::Random;
 use faer::MatRef;
+use pulp::Arch;
 
 /// Panels that are looked at together.
 const GROUP: usize = 8;
@@ -184,7 +185,7 @@ impl<'a> Basis<'a> {
         let parts = work.zip(runs_mut(&mut self.sketch).chunks_mut(pass.share));
         pass.sum(Near::none(null, locked.len()), parts, Near::join, |first, (work, sketch), near| {
             let (newest, locked) = (&newest, &locked);
-            dispatch(Nearest { step, newest, locked, null, work, sketch, first, near });
+            Arch::new().dispatch(Nearest { step, newest, locked, null, work, sketch, first, near });
         })
     }
 
@@ -217,7 +218,7 @@ impl<'a> Basis<'a> {
             pairs.for_each(|(sum, other)| add(sum, other));
         };
         pass.sum(zero, runs(&self.work).chunks(pass.share), join, |first, work, sums| {
-            dispatch(Products { panels, last, work, first, sums });
+            Arch::new().dispatch(Products { panels, last, work, first, sums });
         })
     }
 
@@ -231,7 +232,7 @@ impl<'a> Basis<'a> {
         let parts = runs_mut(&mut self.work).chunks_mut(pass.share).map(|work| (work, last.next().unwrap_or_default()));
         pass.sum(ZERO, parts, add, |first, (work, last), gram| {
             let (older, locked) = (&older, &locked);
-            dispatch(Removal { near, along, older, last, locked, null, work, first, h, gram });
+            Arch::new().dispatch(Removal { near, along, older, last, locked, null, work, first, h, gram });
         })
     }
 
@@ -239,7 +240,7 @@ impl<'a> Basis<'a> {
     pub fn multiply(&mut self, h: &Block) -> Result<Block, EigenError> {
         let pass = self.pass(2);
         pass.sum(ZERO, runs_mut(&mut self.work).chunks_mut(pass.share), add, |_, work, gram| {
-            dispatch(Product { work, h, gram: Some(gram), copy: None });
+            Arch::new().dispatch(Product { work, h, gram: Some(gram), copy: None });
         })
     }
 
@@ -250,7 +251,7 @@ impl<'a> Basis<'a> {
         let pass = self.pass(3);
         let (_, last) = self.panels.split().unwrap_or_default();
         let parts = runs_mut(&mut self.work).chunks_mut(pass.share).zip(last.chunks_mut(pass.share));
-        pass.run(parts, |_, (work, last)| dispatch(Product { work, h, gram: None, copy: Some(last) }))
+        pass.run(parts, |_, (work, last)| Arch::new().dispatch(Product { work, h, gram: None, copy: Some(last) }))
     }
 
     /// Locks V c; c has eight rows for each of the first panels, and columns in eights.

@@ -96,9 +96,9 @@ impl<'a> Columns<'a> {
             store.release();
         }
         drop(slots);
-        let (order, findings) = self::findings(&places, &results, wanted, tolerance);
+        let (order, findings) = self::findings(&places, &results, null, wanted, tolerance);
         permute(target, n, &order);
-        Ok(Findings { null, ..findings })
+        Ok(findings)
     }
 
     /// A panel of R^-1 y by vertex, in memory whose rows are aligned to cache lines.
@@ -210,11 +210,17 @@ fn write(v: &[Row], factors: &Row, rows: &Range<usize>, targets: &mut [Target<'_
 }
 
 /// The order of final values, and what the qualities of vectors at these places come to in that order.
-fn findings(places: &[(usize, usize)], results: &[Quality], wanted: usize, tolerance: f64) -> (Vec<usize>, Findings) {
+fn findings(
+    places: &[(usize, usize)],
+    results: &[Quality],
+    null: f64,
+    wanted: usize,
+    tolerance: f64,
+) -> (Vec<usize>, Findings) {
     let value = |j: usize| results[places[j].0].values[places[j].1];
     let mut order: Vec<usize> = (0..places.len()).collect();
     order.sort_by(|&a, &b| value(a).total_cmp(&value(b)).then(a.cmp(&b)));
-    let mut findings = Findings { values: Vec::with_capacity(order.len()), residual: 0.0, fine: true, null: 0.0 };
+    let mut findings = Findings { values: Vec::with_capacity(order.len()), residual: 0.0, fine: true, null };
     for (position, &j) in order.iter().enumerate() {
         let ((panel, q), value) = (places[j], value(j));
         findings.values.push(value);

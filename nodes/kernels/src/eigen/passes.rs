@@ -3,18 +3,8 @@
 use super::basis::{Along, Near, Null};
 use super::panel::{Block, ZERO, add, transposed};
 use super::pool::Panel;
-use super::rows::{Run, add_products, multiply_right, subtract_products};
-use pulp::{Arch, Simd, WithSimd};
-
-/// Runs a pass in the widest instructions that the processor has.
-pub(super) fn dispatch(pass: impl WithSimd<Output = ()>) {
-    Arch::new().dispatch(pass);
-}
-
-/// The run that comes after panel p's when all panels go by run by run.
-fn next<'p>(panels: &[&'p Panel], p: usize, run: usize) -> Option<&'p Run> {
-    panels.get(p + 1).map_or_else(|| panels[0].get(run + 1), |panel| panel.get(run))
-}
+use super::rows::{Run, add_products, multiply_right, next, subtract_from_run};
+use pulp::{Simd, WithSimd};
 
 /// A run, and the one after it.
 fn with_next(panel: &mut Panel, run: usize) -> (&mut Run, Option<&Run>) {
@@ -84,9 +74,9 @@ impl WithSimd for Nearest<'_> {
             let run = first + i;
             let ((w, _), (sketch, sketch_ahead)) = (with_next(work, i), with_next(sketch, i));
             if let Some(step) = step {
-                subtract_products(simd, [w], &newest[0][run], [step.diagonal], newest[0].get(run + 1));
+                subtract_from_run(simd, [w], &newest[0][run], [step.diagonal], newest[0].get(run + 1));
                 if let (Some(before), Some(b)) = (newest.get(1), step.before) {
-                    subtract_products(simd, [w], &before[run], [b], before.get(run + 1));
+                    subtract_from_run(simd, [w], &before[run], [b], before.get(run + 1));
                 }
             }
             null.add_product(run, w, &mut near.null);
@@ -104,7 +94,7 @@ impl WithSimd for Nearest<'_> {
                 }
             }
             if let (Some(step), Some(before)) = (step, newest.get(1)) {
-                subtract_products(simd, [sketch], &before[run], [&step.signs], sketch_ahead);
+                subtract_from_run(simd, [sketch], &before[run], [&step.signs], sketch_ahead);
             }
         }
         let targets = near.last.iter_mut().take(newest.len()).chain(&mut near.locked);
@@ -142,23 +132,23 @@ impl WithSimd for Removal<'_> {
             // What was found along all panels holds what is along these.
             if along.panels.is_empty() {
                 for (h, panel) in near.locked.iter().zip(locked) {
-                    subtract_products(simd, [w], &panel[run], [h], panel.get(run + 1));
+                    subtract_from_run(simd, [w], &panel[run], [h], panel.get(run + 1));
                 }
             }
             if let Some(before) = older.last() {
-                subtract_products(simd, [w], &before[run], [&near.last[1]], before.get(run + 1));
+                subtract_from_run(simd, [w], &before[run], [&near.last[1]], before.get(run + 1));
             }
             // There is none at first.
             if i < last.len() {
                 let (last, ahead) = with_next(last, i);
-                subtract_products(simd, [w], last, [&near.last[0]], ahead);
+                subtract_from_run(simd, [w], last, [&near.last[0]], ahead);
                 let older = &older[..along.panels.len()];
                 for (p, ([g, h], panel)) in along.panels.iter().zip(older).enumerate() {
                     let ahead = next(older, p, run);
                     if paired {
-                        subtract_products(simd, [last, w], &panel[run], [g, h], ahead);
+                        subtract_from_run(simd, [last, w], &panel[run], [g, h], ahead);
                     } else {
-                        subtract_products(simd, [w], &panel[run], [h], ahead);
+                        subtract_from_run(simd, [w], &panel[run], [h], ahead);
                     }
                 }
             }

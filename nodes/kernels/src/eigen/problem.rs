@@ -25,18 +25,11 @@ impl<'a> Problem<'a> {
     pub(crate) fn new(stiffness: &'a SymmetricCsr, mass: &'a [f64]) -> Result<Self, EigenError> {
         let mut uneven = Vec::new();
         for vertex in 0..stiffness.n() {
-            // As `row_sum` adds them, in one pass.
-            let (mut diagonal, mut others, mut magnitude) = (0.0, 0.0, 0.0);
-            for (column, entry) in stiffness.row(vertex) {
-                let own = column == vertex;
-                diagonal = if own { entry } else { diagonal };
-                others += if own { 0.0 } else { entry };
-                magnitude += entry.abs();
-            }
-            if !f64::is_finite(magnitude) {
+            let magnitude: f64 = stiffness.row(vertex).map(|e| e.1.abs()).sum();
+            if !magnitude.is_finite() {
                 return Err(EigenError::NotFinite { vertex });
             }
-            let sum: f64 = diagonal + others;
+            let sum = stiffness.row_sum(vertex);
             if sum.abs() > 1e-12 * magnitude {
                 return Err(EigenError::NotLaplacian { vertex });
             }

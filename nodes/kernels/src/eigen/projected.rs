@@ -185,7 +185,7 @@ mod tests {
         let gram = inner(found.vectors.as_ref(), found.vectors.as_ref());
         for (j, column) in gram.col_iter().enumerate() {
             let off = |(i, x): (usize, &f64)| (x - f64::from(u8::from(i == j))).abs();
-            assert!(column.iter().enumerate().map(off).all(|off| off < 1e-11), "of {n}: {j}");
+            assert!(column.iter().enumerate().map(off).all(|off| off < 1e-12), "of {n}: {j}");
         }
     }
 

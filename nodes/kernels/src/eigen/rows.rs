@@ -4,7 +4,7 @@
 //! memory arrives while there is something to compute.
 
 use super::panel::{Block, Row, WIDTH};
-use super::pool::RUN;
+use super::pool::{Panel, RUN};
 use super::tiles::{parts, registers, registers_mut};
 use crate::simd::prefetch;
 use pulp::Simd;
@@ -13,6 +13,12 @@ pub(super) type Run = [Row; RUN];
 
 /// Rows that are worked on at once, so that products do not wait for each other.
 pub(super) const TILE: usize = 8;
+
+/// The run that comes after panel p's when all panels go by run by run.
+#[inline(always)]
+pub(super) fn next<'p>(panels: &[&'p Panel], p: usize, run: usize) -> Option<&'p Run> {
+    panels.get(p + 1).map_or_else(|| panels[0].get(run + 1), |panel| panel.get(run))
+}
 
 /// h_c += x' y_c: entries of x are loaded once for all c.
 #[inline(always)]
@@ -54,7 +60,7 @@ pub(super) fn add_products<S: Simd, const C: usize>(
 
 /// y_c -= x h_c: entries of x are loaded once for all c.
 #[inline(always)]
-pub(super) fn subtract_products<S: Simd, const C: usize>(
+pub(super) fn subtract_from_run<S: Simd, const C: usize>(
     simd: S,
     mut y: [&mut Run; C],
     x: &Run,
@@ -142,8 +148,8 @@ mod tests {
             let [x, y, z] = others else { panic!("three") };
             add_products(simd, &first[0], [x, y], [a, b], Some(z));
             add_products(simd, &first[0], [z], [c], None);
-            subtract_products(simd, [x, y], &first[0], [a, b], None);
-            subtract_products(simd, [z], &first[0], [c], Some(x));
+            subtract_from_run(simd, [x, y], &first[0], [a, b], None);
+            subtract_from_run(simd, [z], &first[0], [c], Some(x));
             multiply_right(simd, z, a);
         }
     }

@@ -3,7 +3,7 @@
 
 use super::panel::{Block, Row, WIDTH, ZERO};
 use super::pool::{Panel, RUN};
-use super::rows::{TILE, add_products, subtract_from_tile};
+use super::rows::{TILE, add_products, next, subtract_from_tile};
 use crate::simd::prefetch;
 use faer::{ColRef, MatRef};
 use pulp::{Arch, Simd, WithSimd};
@@ -79,14 +79,14 @@ impl WithSimd for Gram<'_> {
                     let sums = &mut self.sums[begin + columns.start..begin + columns.end];
                     let x = &self.panels[row][run];
                     // What comes next, mostly.
-                    let mut next = self.panels.get(row + 1).map_or_else(|| self.panels[0].get(run + 1), |p| p.get(run));
+                    let mut ahead = next(self.panels, row, run);
                     let (pairs, single) = sums.as_chunks_mut::<2>();
                     for ([g, h], column) in pairs.iter_mut().zip(columns.clone().step_by(2)) {
                         let y = [&self.panels[column][run], &self.panels[column + 1][run]];
-                        add_products(simd, x, y, [g, h], next.take());
+                        add_products(simd, x, y, [g, h], ahead.take());
                     }
                     for sum in single {
-                        add_products(simd, x, [&self.panels[columns.end - 1][run]], [sum], next.take());
+                        add_products(simd, x, [&self.panels[columns.end - 1][run]], [sum], ahead.take());
                     }
                 }
             }

@@ -3,7 +3,7 @@
 use super::EigenError;
 use super::basis::Null;
 use super::panel::{Row, WIDTH, ZERO};
-use super::pool::{Panel, Panels, Pool};
+use super::pool::{Panel, Panels, Pool, RUN};
 use super::tiles::subtract_products;
 use crate::simd::vectorised;
 use std::collections::BTreeMap;
@@ -126,28 +126,23 @@ pub(super) struct Moments {
 
 /// Fills rows by vertex from rows in elimination order, each multiplied by the scale at its vertex.
 pub(super) fn by_vertex(panel: &Panel, order: &[u32], scale: &[f64], null: &Null, rows: &mut [Row]) -> Moments {
-    let (y, mut products) = (panel.as_flattened(), vec![[0.0; WIDTH]; null.count]);
+    let mut products = vec![[0.0; WIDTH]; null.count];
     let [mut cubes, mut magnitudes] = [[0.0; WIDTH]; 2];
     vectorised(
         #[inline(always)]
         || {
-            let (mut label, mut product) = (0, [0.0; WIDTH]);
             let [mut cubed, mut size] = [[0.0; WIDTH]; 2];
-            let entries = null.labels.iter().zip(&null.units);
-            for ((y, &vertex), (&own, &unit)) in y.iter().zip(order).zip(entries) {
-                if own != label {
-                    products[label as usize] = product;
-                    (label, product) = (own, products[own as usize]);
+            for (run, (y, order)) in panel.iter().zip(order.chunks(RUN)).enumerate() {
+                null.add_product(run, y, &mut products);
+                for (y, &vertex) in y.iter().zip(order) {
+                    let x = y.map(|y| y * scale[vertex as usize]);
+                    for q in 0..WIDTH {
+                        cubed[q] = (y[q] * y[q]).mul_add(x[q], cubed[q]);
+                        size[q] = (y[q] * y[q]).mul_add(x[q].abs(), size[q]);
+                    }
+                    rows[vertex as usize] = x;
                 }
-                let x = y.map(|y| y * scale[vertex as usize]);
-                for q in 0..WIDTH {
-                    product[q] = unit.mul_add(y[q], product[q]);
-                    cubed[q] = (y[q] * y[q]).mul_add(x[q], cubed[q]);
-                    size[q] = (y[q] * y[q]).mul_add(x[q].abs(), size[q]);
-                }
-                rows[vertex as usize] = x;
             }
-            products[label as usize] = product;
             (cubes, magnitudes) = (cubed, size);
         },
     );
@@ -158,7 +153,6 @@ pub(super) fn by_vertex(panel: &Panel, order: &[u32], scale: &[f64], null: &Null
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::eigen::pool::RUN;
     use crate::random::Random;
 
     #[test]
