@@ -5,7 +5,7 @@
 
 use super::panel::{Block, Row, Rows, WIDTH, ZERO, add, norm, product, subtract_multiple};
 use super::parts::Pass;
-use super::passes::{Nearest, Product, Products, Removal, Step};
+use super::passes::{Appending, Nearest, Product, Products, Removal, Step};
 use super::pool::{Panel, Panels, Pool, RUN, runs, runs_mut};
 use super::tiles::{Combination, replace_by_product, subtract_products};
 use super::{EigenError, Hooks};
@@ -22,6 +22,9 @@ const SIGNS: u64 = 0x5167;
 /// Products of the last panel below this may stay, and a hundred times that of the next one, in which they have grown: once they are
 /// larger, they are removed.
 const NEGLIGIBLE: f64 = 1e-11;
+
+/// Products with the last two panels and with locked ones below this may stay too, in the mean of squares: about what rounding errors make anew.
+const FAINT: f64 = 1e-12;
 
 /// Known null vectors in elimination order: label and entry of the unit indicator at each row.
 pub(super) struct Null {
@@ -240,18 +243,27 @@ impl<'a> Basis<'a> {
     pub fn multiply(&mut self, h: &Block) -> Result<Block, EigenError> {
         let pass = self.pass(2);
         pass.sum(ZERO, runs_mut(&mut self.work).chunks_mut(pass.share), add, |_, work, gram| {
-            Arch::new().dispatch(Product { work, h, gram: Some(gram), copy: None });
+            Arch::new().dispatch(Product { work, h, gram });
         })
     }
 
-    /// w <- w h, which is appended.
-    pub fn append(&mut self, h: &Block) -> Result<(), EigenError> {
+    /// w <- w h, which is appended, once what was found nearest to it is removed.
+    pub fn append(&mut self, near: Option<&Near>, h: &Block) -> Result<(), EigenError> {
         self.panels.grow()?;
-        // Three panels go through memory.
+        // Three panels go through memory at least.
         let pass = self.pass(3);
-        let (_, last) = self.panels.split().unwrap_or_default();
-        let parts = runs_mut(&mut self.work).chunks_mut(pass.share).zip(last.chunks_mut(pass.share));
-        pass.run(parts, |_, (work, last)| Arch::new().dispatch(Product { work, h, gram: None, copy: Some(last) }))
+        let (older, copy) = self.panels.split().unwrap_or_default();
+        let locked = self.pool.split(&self.locked);
+        let found = near.into_iter().flat_map(|near| {
+            let newest = older.iter().rev().copied().zip(&near.last);
+            newest.chain(locked.iter().copied().zip(&near.locked))
+        });
+        let found: Vec<_> = found.filter(|(_, found)| norm(&product(found, h)) > FAINT).collect();
+        let null = near.map(|near| (self.null, near.null.as_slice()));
+        let parts = runs_mut(&mut self.work).chunks_mut(pass.share).zip(copy.chunks_mut(pass.share));
+        pass.run(parts, |first, (work, copy)| {
+            Arch::new().dispatch(Appending { null, found: &found, work, first, h, copy });
+        })
     }
 
     /// Locks V c; c has eight rows for each of the first panels, and columns in eights.

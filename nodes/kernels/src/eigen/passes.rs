@@ -1,7 +1,7 @@
 //! What passes over a basis do with the runs of a part.
 
 use super::basis::{Along, Near, Null};
-use super::panel::{Block, ZERO, add, transposed};
+use super::panel::{Block, Row, ZERO, add, transposed};
 use super::pool::Panel;
 use super::rows::{Run, add_products, multiply_right, next, subtract_from_run};
 use pulp::{Simd, WithSimd};
@@ -160,12 +160,11 @@ impl WithSimd for Removal<'_> {
     }
 }
 
-/// w <- w h; then w' w is added, or w is copied.
+/// w <- w h, and w' w is added.
 pub(super) struct Product<'a> {
     pub work: &'a mut Panel,
     pub h: &'a Block,
-    pub gram: Option<&'a mut Block>,
-    pub copy: Option<&'a mut Panel>,
+    pub gram: &'a mut Block,
 }
 
 impl WithSimd for Product<'_> {
@@ -173,16 +172,41 @@ impl WithSimd for Product<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { work, h, mut gram, copy } = self;
-        let mut copy = copy.map(|copy| copy.iter_mut());
-        for w in work {
+        for w in self.work {
+            multiply_right(simd, w, self.h);
+            add_products(simd, w, [w], [self.gram], None);
+        }
+    }
+}
+
+/// Removes what was found from w; then w <- w h, which is copied.
+pub(super) struct Appending<'a> {
+    /// Null vectors, and the products with them.
+    pub null: Option<(&'a Null, &'a [Row])>,
+    /// Panels, and the products with them.
+    pub found: &'a [(&'a Panel, &'a Block)],
+    pub work: &'a mut Panel,
+    /// Number of the first run of `work`.
+    pub first: usize,
+    pub h: &'a Block,
+    pub copy: &'a mut Panel,
+}
+
+impl WithSimd for Appending<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { null, found, work, first, h, copy } = self;
+        for (run, (w, copy)) in (first..).zip(work.iter_mut().zip(copy)) {
+            if let Some((null, products)) = null {
+                null.remove(run, w, products);
+            }
+            for (panel, found) in found {
+                subtract_from_run(simd, [w], &panel[run], [found], panel.get(run + 1));
+            }
             multiply_right(simd, w, h);
-            if let Some(gram) = &mut gram {
-                add_products(simd, w, [w], [gram], None);
-            }
-            if let Some(copy) = copy.as_mut().and_then(Iterator::next) {
-                *copy = *w;
-            }
+            *copy = *w;
         }
     }
 }

@@ -33,6 +33,8 @@ pub(super) struct Union<'a> {
     pub gap: f64,
     /// Whether there is no eigenvalue above the cut.
     pub last: bool,
+    /// Whether residuals may be larger than a Lanczos run thought.
+    pub doubtful: bool,
 }
 
 /// A window of the spectrum that ends where the next one begins: its shift, about how many pairs, and the factorisation if it is at hand.
@@ -161,6 +163,7 @@ fn run_slice<'a>(
 /// Joins neighbours at the lower one's cut.
 fn join(found: Vec<Found<'_>>, null: usize) -> Result<Union<'_>, EigenError> {
     let (cut, gap) = found.last().map_or((0.0, 0.0), |f| (f.cut, f.gap));
+    let doubtful = found.iter().any(|f| f.doubtful);
     let mut values: Vec<f64> = Vec::new();
     let mut stores = Vec::new();
     let mut from = 0.0;
@@ -182,5 +185,5 @@ fn join(found: Vec<Found<'_>>, null: usize) -> Result<Union<'_>, EigenError> {
         }
         from = slice.cut;
     }
-    Ok(Union { vectors: Vectors::new(stores)?, cut, gap, last: false })
+    Ok(Union { vectors: Vectors::new(stores)?, cut, gap, last: false, doubtful })
 }

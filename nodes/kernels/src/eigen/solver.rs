@@ -193,11 +193,11 @@ impl<'a> Solver<'a> {
             }
         }
         let vectors = Vectors::with(self.pool, n, &values[..cut.position], |i, j| y[(self.order[i] as usize, j)])?;
-        Ok(Union { vectors, cut: cut.value, gap: cut.width, last: cut.position == available })
+        Ok(Union { vectors, cut: cut.value, gap: cut.width, last: cut.position == available, doubtful: false })
     }
 
     fn certified(&self, union: Union<'_>, method: Method, rounds: usize) -> Result<Eigenpairs, EigenError> {
-        let Union { vectors, cut, gap, last } = union;
+        let Union { vectors, cut, gap, last, doubtful } = union;
         let found = self.null.count + vectors.len();
         let columns = Columns::new(self.problem, self.null, self.order, self.hooks);
         let expected = OnceLock::new();
@@ -209,7 +209,7 @@ impl<'a> Solver<'a> {
                 expected
             });
         };
-        let (target, findings, orthogonality) = self.examined(&columns, vectors, &count)?;
+        let (target, findings, orthogonality) = self.examined(&columns, vectors, doubtful, &count)?;
         // Of no vectors there was nothing to examine.
         count();
         let expected = expected.into_inner().unwrap_or(Err(EigenError::Cancelled))?;
@@ -238,10 +238,11 @@ impl<'a> Solver<'a> {
         &self,
         columns: &Columns<'_>,
         mut vectors: Vectors<'_>,
+        doubtful: bool,
         count: &(dyn Fn() + Sync),
     ) -> Result<(Vec<f64>, Findings, f64), EigenError> {
         enter(self.hooks, Phase::Certify)?;
-        columns.polish(&mut vectors, self.options.tolerance, || {
+        columns.polish(&mut vectors, doubtful, self.options.tolerance, || {
             enter(self.hooks, Phase::Factorise)?;
             self.factorizer.factor(BELOW, self.hooks)
         })?;
