@@ -29,6 +29,7 @@ pub mod memo;
 pub mod mesh;
 pub mod node;
 pub mod params;
+mod place;
 pub mod port;
 pub mod registry;
 pub mod testing;

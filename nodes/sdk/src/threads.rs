@@ -2,10 +2,11 @@
 #![expect(clippy::disallowed_methods, reason = "how long a thread waits is no part of a result")]
 
 use crate::context::processors;
+use crate::place;
 use rayon::{ThreadPool, ThreadPoolBuilder, Yield, yield_now};
-use std::hint::spin_loop;
 use std::sync::LazyLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread::yield_now as yield_thread;
 use std::time::{Duration, Instant};
 
 /// A thread without work looks for more so long before it sleeps: as long as passes of the eigensolver are apart.
@@ -32,7 +33,7 @@ pub fn each(extra: usize, count: usize, task: &(dyn Fn(usize) + Sync)) {
         (0..count).for_each(task);
         return;
     };
-    let (next, left) = (AtomicUsize::new(0), AtomicUsize::new(extra));
+    let (next, left, caller) = (AtomicUsize::new(0), AtomicUsize::new(extra), place::here());
     let work = || {
         loop {
             let i = next.fetch_add(1, Ordering::Relaxed);
@@ -45,39 +46,51 @@ pub fn each(extra: usize, count: usize, task: &(dyn Fn(usize) + Sync)) {
     pool.in_place_scope(|scope| {
         for _ in 0..extra {
             scope.spawn(|_| {
+                place::leave(caller);
                 work();
                 left.fetch_sub(1, Ordering::Release);
             });
         }
         // A thread of the pool would take that upon itself.
-        if pool.current_thread_index().is_none() {
-            keep_awake(pool, extra);
+        if pool.current_thread_index().is_none() && keep_awake(pool, extra) {
+            // One that wakes up on this processor can leave it.
+            yield_thread();
         }
         work();
         // The others will be done soon: to sleep until then takes longer.
         let start = Instant::now();
-        while left.load(Ordering::Acquire) > 0 && start.elapsed() < PATIENCE {
-            spin_loop();
+        while left.load(Ordering::Acquire) > 0 && start.elapsed() < TURN {
+            look();
         }
     });
 }
 
-/// Has so many threads of the pool look for work.
-fn keep_awake(pool: &ThreadPool, threads: usize) {
+/// Does something else that waits, if this is a thread of the pool; otherwise others may run here. Whether there was something.
+fn look() -> bool {
+    let found = matches!(yield_now(), Some(Yield::Executed));
+    if !found {
+        yield_thread();
+    }
+    found
+}
+
+/// Has so many threads of the pool look for work. Whether some may have slept.
+fn keep_awake(pool: &ThreadPool, threads: usize) -> bool {
+    let asleep = AWAKE.load(Ordering::Relaxed) < threads;
     while AWAKE.load(Ordering::Relaxed) < threads {
         AWAKE.fetch_add(1, Ordering::Relaxed);
         pool.spawn(|| {
             let begin = Instant::now();
             let mut last = begin;
             while last.elapsed() < PATIENCE && begin.elapsed() < TURN {
-                match yield_now() {
-                    Some(Yield::Executed) => last = Instant::now(),
-                    _ => std::thread::yield_now(),
+                if look() {
+                    last = Instant::now();
                 }
             }
             AWAKE.fetch_sub(1, Ordering::Relaxed);
         });
     }
+    asleep
 }
 
 #[cfg(test)]
