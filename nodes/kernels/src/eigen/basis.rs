@@ -71,8 +71,8 @@ pub(super) struct Basis<'a> {
     panels: Panels<'a>,
     /// The panel worked on: whole runs, zeros at the end.
     work: Rows,
-    /// The sum of all panels but the last two, each times a block of random signs over sqrt(8): its product with a panel is as large as
-    /// the product of all of them is, in the mean of squares.
+    /// The sum of all panels but the last two, each with random signs of its columns: its product with a panel is as large as the product of all of them
+    /// is, in the mean of squares.
     sketch: Rows,
     signs: Random,
     /// Ritz vectors along which products grow fastest: every new panel is made orthogonal to them.
@@ -168,9 +168,7 @@ impl<'a> Basis<'a> {
 
     /// w -= V_j a + V_(j-1) b' for the last panel j, and the panel before joins the sketch after that.
     pub fn recur(&mut self, diagonal: &Block, before: Option<&Block>) -> Result<Near, EigenError> {
-        let share = 1.0 / (WIDTH as f64).sqrt();
-        let mut sign = || if self.signs.signed() < 0.0 { share } else { -share };
-        let signs: Block = std::array::from_fn(|_| std::array::from_fn(|_| sign()));
+        let signs = std::array::from_fn(|_| if self.signs.signed() < 0.0 { -1.0 } else { 1.0 });
         self.nearest(Some(&Step { diagonal, before, signs }))
     }
 

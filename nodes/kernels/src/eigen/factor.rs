@@ -16,7 +16,7 @@ const RELAXED: [(usize, f64); 4] = [(8, 0.7), (16, 0.2), (48, 0.05), (usize::MAX
 const SHARE: f64 = 0.12;
 
 /// Factorisations that take less than so many nanoseconds are not worth threads.
-const LEAST: f64 = 8e5;
+const LEAST: f64 = 2e5;
 
 /// The part of a factorisation that all shifts share: ordering and fill.
 pub(super) struct Factorizer {

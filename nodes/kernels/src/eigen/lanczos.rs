@@ -23,9 +23,9 @@ const SETTLING: usize = 6;
 /// their square. Measured: residuals are the same from 1e-8 to 1e-6, and too large at 1e-5.
 const LOSS: f64 = 1e-7;
 
-/// So many Ritz vectors are locked once there are so many blocks. Measured at 43,000 vertices: products with 28 panels on average are then removed every
-/// 3.4 steps, without locks every 2.2; with 8 every 2.9, with 32 every 3.5.
-const LOCKED: usize = 16;
+/// So many Ritz vectors are locked once there are so many blocks. Measured: 16 save 2 to 3 % of all at 43,000 and 100,000 vertices, where passes over the basis
+/// wait for memory, and cost 3 % at 5,000 and 10,000; with none, products must be removed a half more often.
+const LOCKED: usize = 8;
 const LOCKED_FROM: usize = 8;
 
 /// Products as large as this are not corrections any more: panels are then orthogonalised with no regard to the recurrence.
@@ -209,7 +209,7 @@ impl<'r, 'a> Krylov<'r, 'a> {
 
     /// Locks the Ritz vectors nearest the shift: products with them grow fastest, and most of what solves round is along them.
     fn lock(&mut self) -> Result<(), EigenError> {
-        let Projected { values, vectors } = Projected::nearest(&self.recurrence, LOCKED)?;
+        let Projected { values, vectors } = Projected::nearest(&self.recurrence, LOCKED, self.hooks)?;
         let mut nearest: Vec<usize> = (0..values.len()).collect();
         nearest.sort_by(|&a, &b| values[b].abs().total_cmp(&values[a].abs()).then(a.cmp(&b)));
         let c = Mat::from_fn(vectors.nrows(), LOCKED, |i, j| vectors[(i, nearest[j])]);
@@ -261,7 +261,7 @@ impl<'r, 'a> Krylov<'r, 'a> {
             for _ in 0..powers {
                 self.apply()?;
                 // Columns are kept apart, as all of them turn to what is next to the shift.
-                let Some(r) = cholesky(&self.remove_known()?) else { break };
+                let Some(r) = cholesky(&self.basis.near()?.gram) else { break };
                 self.basis.multiply(&inverse(&r))?;
             }
             self.remove_known()?;
@@ -288,7 +288,7 @@ impl<'r, 'a> Krylov<'r, 'a> {
 
     /// Solves the projected problem, and judges it.
     fn judge(&self) -> Result<(Projected, Verdict), EigenError> {
-        let projected = Projected::to_judge(&self.recurrence, &self.run.reach, self.run.shift)?;
+        let projected = Projected::to_judge(&self.recurrence, &self.run.reach, self.run.shift, self.hooks)?;
         let verdict = self.run.reach.judge(&self.ritz(&projected), self.run.shift, self.run.tolerance);
         Ok((projected, verdict))
     }

@@ -3,7 +3,7 @@
 use super::basis::{Along, Near, Null};
 use super::panel::{Block, Row, ZERO, add, transposed};
 use super::pool::Panel;
-use super::rows::{Run, add_products, multiply_right, next, subtract_from_run};
+use super::rows::{Run, add_products, add_scaled, multiply_right, next, subtract_from_run};
 use pulp::{Simd, WithSimd};
 
 /// A run, and the one after it.
@@ -44,8 +44,8 @@ impl WithSimd for Products<'_> {
 pub(super) struct Step<'a> {
     pub diagonal: &'a Block,
     pub before: Option<&'a Block>,
-    /// V_(j-1) joins the sketch after that, times minus these.
-    pub signs: Block,
+    /// V_(j-1) joins the sketch after that, its columns times these.
+    pub signs: Row,
 }
 
 /// Makes a step, if there is one, and adds the products of w with what is nearest to it.
@@ -94,7 +94,7 @@ impl WithSimd for Nearest<'_> {
                 }
             }
             if let (Some(step), Some(before)) = (step, newest.get(1)) {
-                subtract_from_run(simd, [sketch], &before[run], [&step.signs], sketch_ahead);
+                add_scaled(simd, sketch, &before[run], &step.signs, sketch_ahead);
             }
         }
         let targets = near.last.iter_mut().take(newest.len()).chain(&mut near.locked);

@@ -1,12 +1,13 @@
 //! The projected problem: eigenpairs of T next to the ends of its spectrum, which are those of A next to the shift.
 
-use super::EigenError;
 use super::band::Tridiagonalised;
 use super::dense::symmetric_eigen;
 use super::departure::Recurrence;
 use super::panel::{Row, WIDTH};
+use super::parts::collect;
 use super::reach::{Reach, Side};
 use super::twisted::Twisted;
+use super::{EigenError, Hooks};
 use crate::sturm::{Bracket, Tridiagonal};
 use faer::Mat;
 use faer::prelude::Reborrow;
@@ -21,6 +22,9 @@ const APART: f64 = 1e-4;
 /// eigenvalues, of which vectors may be the same.
 const NEAR: f64 = 0.1;
 
+/// Eigenpairs that are worth a thread: as many as go through the matrix at once.
+const PART: usize = 64;
+
 /// Some eigenpairs of T.
 pub(super) struct Projected {
     pub values: Vec<f64>,
@@ -30,7 +34,7 @@ pub(super) struct Projected {
 
 impl Projected {
     /// The eigenpairs that are to be judged.
-    pub fn to_judge(recurrence: &Recurrence, reach: &Reach, shift: f64) -> Result<Self, EigenError> {
+    pub fn to_judge(recurrence: &Recurrence, reach: &Reach, shift: f64, hooks: &dyn Hooks) -> Result<Self, EigenError> {
         // Theta = 1 / (lambda - shift): from the lowest upwards one goes down from the shift, and from the highest downwards up from it.
         let (n, at) = (order(recurrence), |value: f64| 1.0 / (value - shift));
         let ends = |below: &dyn Fn(f64) -> usize| {
@@ -44,17 +48,17 @@ impl Projected {
             };
             [low + BEYOND[0], high + BEYOND[1]]
         };
-        Self::ends(recurrence, &ends)
+        Self::ends(recurrence, &ends, hooks)
     }
 
     /// The eigenpairs of the largest magnitudes: of each sign at most so many.
-    pub fn nearest(recurrence: &Recurrence, count: usize) -> Result<Self, EigenError> {
-        Self::ends(recurrence, &|_| [count; 2])
+    pub fn nearest(recurrence: &Recurrence, count: usize, hooks: &dyn Hooks) -> Result<Self, EigenError> {
+        Self::ends(recurrence, &|_| [count; 2], hooks)
     }
 
     /// The lowest negative and the highest positive eigenvalues, with their vectors, as many as `ends` says. It may ask how many there are below a number.
-    fn ends(recurrence: &Recurrence, ends: Ends<'_>) -> Result<Self, EigenError> {
-        if let Some(found) = Self::banded(recurrence, ends) {
+    fn ends(recurrence: &Recurrence, ends: Ends<'_>, hooks: &dyn Hooks) -> Result<Self, EigenError> {
+        if let Some(found) = Self::banded(recurrence, ends, hooks)? {
             return Ok(found);
         }
         let (values, vectors) = symmetric_eigen(recurrence.matrix().as_ref())?;
@@ -64,30 +68,48 @@ impl Projected {
     }
 
     /// The same for a T that is a band matrix, and where no two of the eigenvalues are equal up to rounding; nothing elsewhere.
-    fn banded(recurrence: &Recurrence, ends: Ends<'_>) -> Option<Self> {
+    fn banded(recurrence: &Recurrence, ends: Ends<'_>, hooks: &dyn Hooks) -> Result<Option<Self>, EigenError> {
         let n = order(recurrence);
-        let form = Tridiagonalised::new(n, recurrence.band()?);
+        let Some(band) = recurrence.band() else { return Ok(None) };
+        let form = Tridiagonalised::new(n, band);
         let sturm = Tridiagonal::new(&form.diagonal, &form.off);
         if !sturm.norm.is_finite() {
-            return None;
+            return Ok(None);
         }
         let columns = columns(n, &|x| sturm.below(&[[x; WIDTH]])[0][0] as usize, ends);
-        let bracket = |&column: &usize| Bracket { number: column as f64, low: -sturm.norm, high: sturm.norm };
-        let values = sturm.bisect(columns.iter().map(bracket).collect());
-        let mut vectors = Mat::zeros(n, values.len());
+        let parts: Vec<&[usize]> = columns.chunks(PART).collect();
+        let parts = collect(hooks, parts.len(), &|p| Part::of(&form, &sturm, parts[p]))?;
+        let values: Vec<f64> = parts.iter().flat_map(|part| part.values.iter().copied()).collect();
+        let rows: Vec<&[Row]> = parts.iter().flat_map(|part| part.vectors.chunks_exact(n)).collect();
+        let mut vectors = Mat::from_fn(n, values.len(), |i, j| rows[j / WIDTH][i][j % WIDTH]);
+        let orthogonal = orthogonalise(&values, &mut vectors, APART * sturm.norm);
+        Ok(orthogonal.map(|()| Self { values, vectors }))
+    }
+}
+
+/// Some eigenpairs.
+struct Part {
+    values: Vec<f64>,
+    /// Rows of eight vectors each, then those of the next eight.
+    vectors: Vec<Row>,
+}
+
+impl Part {
+    /// Those with these numbers.
+    fn of(form: &Tridiagonalised, sturm: &Tridiagonal, numbers: &[usize]) -> Self {
+        let n = form.diagonal.len();
+        let bracket = |&number: &usize| Bracket { number: number as f64, low: -sturm.norm, high: sturm.norm };
+        let values = sturm.bisect(numbers.iter().map(bracket).collect());
+        let mut vectors = Vec::with_capacity(n * values.len().div_ceil(WIDTH));
         let (mut twisted, mut rows) = (Twisted::default(), vec![[0.0; WIDTH]; n + Tridiagonalised::PADDING]);
-        for (group, values) in values.chunks(WIDTH).enumerate() {
+        for values in values.chunks(WIDTH) {
             let lanes: Row = std::array::from_fn(|q| values[q.min(values.len() - 1)]);
             twisted.vectors(&form.diagonal, &form.off, sturm.norm, &lanes, &mut rows[..n]);
             rows[n..].fill([0.0; WIDTH]);
             form.transform(&mut rows);
-            for q in 0..values.len() {
-                let column = vectors.col_mut(group * WIDTH + q);
-                column.iter_mut().zip(&rows).for_each(|(x, row)| *x = row[q]);
-            }
+            vectors.extend_from_slice(&rows[..n]);
         }
-        orthogonalise(&values, &mut vectors, APART * sturm.norm)?;
-        Some(Self { values, vectors })
+        Self { values, vectors }
     }
 }
 
@@ -161,7 +183,8 @@ mod tests {
             let (all, _) = symmetric_eigen(matrix.as_ref()).expect("converges");
             let (negative, n) = (all.partition_point(|x| *x < 0.0), all.len());
             for [low, high] in [[3, 1], [0, 2], [n, n]] {
-                let found = Projected::banded(&recurrence, &|_| [low, high]).expect("distinct");
+                let found =
+                    Projected::banded(&recurrence, &|_| [low, high], &()).expect("not cancelled").expect("distinct");
                 let (low, high) = (low.min(negative), high.min(n - negative));
                 let expected: Vec<f64> = all[..low].iter().chain(&all[n - high..]).copied().collect();
                 assert_eq!(found.values.len(), expected.len());
@@ -195,7 +218,7 @@ mod tests {
         let mut twice = recurrence(1);
         twice.diagonal.push(twice.diagonal[0]);
         twice.below = vec![twice.below[0].map(|row| row.map(|x| 1e-10 * x)), ZERO];
-        let found = Projected::banded(&twice, &|_| [16; 2]).expect("distinct");
+        let found = Projected::banded(&twice, &|_| [16; 2], &()).expect("not cancelled").expect("distinct");
         let gaps = found.values.windows(2).map(|pair| pair[1] - pair[0]);
         assert_eq!(gaps.filter(|gap| *gap < 1e-9).count(), 8);
         assert_pairs(&twice, &found);
@@ -208,7 +231,7 @@ mod tests {
         let (negative, n) = (all.partition_point(|x| *x < 0.0), all.len());
         let numbers = |below: Side, above: Side| {
             let reach = Reach { below, above, expected: 10 };
-            let found = Projected::to_judge(&recurrence, &reach, 100.0).expect("converges").values;
+            let found = Projected::to_judge(&recurrence, &reach, 100.0, &()).expect("converges").values;
             let low = found.iter().filter(|x| **x < 0.0).count();
             [low, found.len() - low]
         };
@@ -231,8 +254,8 @@ mod tests {
         coupled.couplings.push((0, 3, coupled.diagonal[1]));
         for recurrence in [twice, coupled] {
             let n = order(&recurrence);
-            assert!(Projected::banded(&recurrence, &|_| [n; 2]).is_none());
-            let found = Projected::nearest(&recurrence, n).expect("converges");
+            assert!(Projected::banded(&recurrence, &|_| [n; 2], &()).expect("not cancelled").is_none());
+            let found = Projected::nearest(&recurrence, n, &()).expect("converges");
             let (values, vectors) = symmetric_eigen(recurrence.matrix().as_ref()).expect("converges");
             assert!(found.values == values && found.vectors == vectors && values.len() == n);
         }

@@ -106,6 +106,19 @@ pub(super) fn subtract_from_tile<S: Simd, const C: usize>(
     }
 }
 
+/// y += x, columns of x times these factors.
+#[inline(always)]
+pub(super) fn add_scaled<S: Simd>(simd: S, y: &mut Run, x: &Run, factors: &Row, ahead: Option<&Run>) {
+    let (ahead, factors) = (ahead.unwrap_or(x), registers::<S>(std::slice::from_ref(factors)));
+    let rows = registers_mut::<S>(y).chunks_exact_mut(factors.len()).zip(registers::<S>(x).chunks_exact(factors.len()));
+    for ((y, x), ahead) in rows.zip(ahead) {
+        prefetch(ahead);
+        for (part, factor) in factors.iter().enumerate() {
+            y[part] = simd.mul_add_f64s(x[part], *factor, y[part]);
+        }
+    }
+}
+
 /// w <- w h.
 #[inline(always)]
 pub(super) fn multiply_right<S: Simd>(simd: S, w: &mut Run, h: &Block) {
@@ -151,6 +164,7 @@ mod tests {
             subtract_from_run(simd, [x, y], &first[0], [a, b], None);
             subtract_from_run(simd, [z], &first[0], [c], Some(x));
             multiply_right(simd, z, a);
+            add_scaled(simd, y, x, &a[0], None);
         }
     }
 
@@ -186,9 +200,10 @@ mod tests {
             let rest: Vec<Row> = before[0]
                 .iter()
                 .zip(&before[c + 1])
-                .map(|(x, y)| {
-                    let product = times(x, sum);
-                    std::array::from_fn(|q| y[q] - product[q])
+                .zip(&runs[1])
+                .map(|((x, y), z)| {
+                    let (product, scaled) = (times(x, sum), if c == 1 { sums[0][0] } else { [0.0; WIDTH] });
+                    std::array::from_fn(|q| y[q] - product[q] + z[q] * scaled[q])
                 })
                 .map(|row| if c == 2 { times(&row, &sums[0]) } else { row })
                 .collect();

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 /// Most groups of subtrees, and the entries that make another one worth a thread: a solve takes two passes over them, and lends threads for each.
 const GROUPS: usize = 4;
-const GRAIN: usize = 1 << 17;
+const GRAIN: usize = 1 << 16;
 
 /// So many subtrees are cut at most. Measured on meshes of 1,000 to 170,000 vertices: 13 cuts leave a seventh of the entries to the top, or less.
 const CUTS: usize = 64;
