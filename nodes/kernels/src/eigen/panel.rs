@@ -3,9 +3,7 @@
 //! Functions here are written as plain loops over arrays of eight, which the compiler turns into the widest instructions that
 //! [`vectorised`](crate::simd::vectorised) finds on the processor. The order of every sum is fixed by the code, not by the number of threads.
 
-use bytemuck::{cast_slice, cast_slice_mut};
-use memmap2::MmapMut;
-use std::io;
+use std::collections::TryReserveError;
 
 /// Vectors per panel. Measured: 4 ties for small k, 16 and 32 need too many vectors.
 pub(crate) const WIDTH: usize = 8;
@@ -18,24 +16,37 @@ pub(crate) type Block = [Row; WIDTH];
 
 pub(crate) const ZERO: Block = [[0.0; WIDTH]; WIDTH];
 
-/// Zeroed rows, aligned to pages. No huge pages: where a guest's free memory goes back to its host they took up to 6 ms per MB, small ones
-/// 0.6, and passes are no faster.
-pub(crate) struct Rows(MmapMut);
+/// Rows, aligned to cache lines. They come from the allocator, which keeps what is freed (see [`freed`](crate::freed)). No huge pages: where a guest's free memory
+/// goes back to its host they took up to 6 ms per MB, small ones 0.6, and passes are no faster.
+pub(crate) struct Rows {
+    memory: Vec<f64>,
+    begin: usize,
+    count: usize,
+}
 
 impl Rows {
-    pub fn zeroed(count: usize) -> io::Result<Self> {
-        Ok(Self(MmapMut::map_anon((count * size_of::<Row>()).max(1))?))
+    /// So many rows of zeros.
+    pub fn zeroed(count: usize) -> Result<Self, TryReserveError> {
+        let room = count * WIDTH + WIDTH - 1;
+        // Zeros are cheapest from an allocation that cannot fail.
+        Vec::<f64>::new().try_reserve_exact(room)?;
+        let memory = vec![0.0; room];
+        let begin = unaligned(&memory);
+        Ok(Self { memory, begin, count })
     }
 
     pub fn as_slice(&self) -> &[Row] {
-        let whole = self.0.len() / size_of::<Row>() * size_of::<Row>();
-        cast_slice(&self.0[..whole])
+        &self.memory[self.begin..].as_chunks().0[..self.count]
     }
 
     pub fn as_mut_slice(&mut self) -> &mut [Row] {
-        let whole = self.0.len() / size_of::<Row>() * size_of::<Row>();
-        cast_slice_mut(&mut self.0[..whole])
+        &mut self.memory[self.begin..].as_chunks_mut().0[..self.count]
     }
+}
+
+/// Numbers before the first cache line: rows that lie across two are slow to load.
+pub(crate) fn unaligned(memory: &[f64]) -> usize {
+    memory.as_ptr().align_offset(size_of::<Row>()).min(memory.len())
 }
 
 /// y -= l x.

@@ -1,7 +1,7 @@
 //! Memory of panels. Passes over them go run by run; see `basis`.
 
 use super::EigenError;
-use super::panel::{Row, Rows, WIDTH};
+use super::panel::{Row, Rows, WIDTH, unaligned};
 use super::spare::Spare;
 use std::slice::{ChunksExact, ChunksExactMut};
 
@@ -137,11 +137,6 @@ impl Chunk {
 /// Writes to every page.
 fn touch(rows: &mut [Row]) {
     rows.iter_mut().step_by(PAGE / size_of::<Row>()).for_each(|row| row[0] = 0.0);
-}
-
-/// Numbers before the first cache line: rows that lie across two are slow to load.
-fn unaligned(memory: &[f64]) -> usize {
-    memory.as_ptr().align_offset(size_of::<Row>()).min(memory.len())
 }
 
 pub(super) fn runs(rows: &Rows) -> &Panel {
