@@ -10,7 +10,7 @@ use std::slice::{ChunksExact, ChunksExactMut};
 pub(super) const RUN: usize = 128;
 
 /// Panels that are allocated together, after those that stay.
-const CHUNK: usize = 8;
+const CHUNK: usize = 4;
 
 /// Bytes that memory comes in.
 const PAGE: usize = 4096;
