@@ -18,34 +18,40 @@ pub(crate) const ZERO: Block = [[0.0; WIDTH]; WIDTH];
 
 /// Rows, aligned to cache lines. They come from the allocator, which keeps what is freed (see [`freed`](crate::freed)). No huge pages: where a guest's free memory
 /// goes back to its host they took up to 6 ms per MB, small ones 0.6, and passes are no faster.
-pub(crate) struct Rows {
-    memory: Vec<f64>,
-    begin: usize,
-    count: usize,
-}
+pub(crate) struct Rows(Vec<f64>);
 
 impl Rows {
     /// So many rows of zeros.
     pub fn zeroed(count: usize) -> Result<Self, TryReserveError> {
+        // Wherever cache lines begin, so many whole rows follow and no more.
         let room = count * WIDTH + WIDTH - 1;
         // Zeros are cheapest from an allocation that cannot fail.
         Vec::<f64>::new().try_reserve_exact(room)?;
-        let memory = vec![0.0; room];
-        let begin = unaligned(&memory);
-        Ok(Self { memory, begin, count })
+        Ok(Self(vec![0.0; room]))
     }
 
     pub fn as_slice(&self) -> &[Row] {
-        &self.memory[self.begin..].as_chunks().0[..self.count]
+        aligned(&self.0)
     }
 
     pub fn as_mut_slice(&mut self) -> &mut [Row] {
-        &mut self.memory[self.begin..].as_chunks_mut().0[..self.count]
+        aligned_mut(&mut self.0)
     }
 }
 
-/// Numbers before the first cache line: rows that lie across two are slow to load.
-pub(crate) fn unaligned(memory: &[f64]) -> usize {
+/// The whole rows in memory that begin where cache lines do: those that lie across two are slow to load.
+pub(crate) fn aligned(memory: &[f64]) -> &[Row] {
+    memory[unaligned(memory)..].as_chunks().0
+}
+
+/// The same, to be written.
+pub(crate) fn aligned_mut(memory: &mut [f64]) -> &mut [Row] {
+    let begin = unaligned(memory);
+    memory[begin..].as_chunks_mut().0
+}
+
+/// Numbers before the first cache line.
+fn unaligned(memory: &[f64]) -> usize {
     memory.as_ptr().align_offset(size_of::<Row>()).min(memory.len())
 }
 

@@ -1,7 +1,7 @@
 //! Memory of panels. Passes over them go run by run; see `basis`.
 
 use super::EigenError;
-use super::panel::{Row, Rows, WIDTH, unaligned};
+use super::panel::{Row, Rows, WIDTH, aligned, aligned_mut};
 use super::spare::Spare;
 use std::slice::{ChunksExact, ChunksExactMut};
 
@@ -56,7 +56,7 @@ impl Pool {
         Ok(())
     }
 
-    /// Gives what is free back to the system.
+    /// Gives what is free back to the allocator.
     pub fn clear(&self) {
         self.free.clear();
     }
@@ -117,7 +117,7 @@ impl Chunk {
     fn panels(&self, runs: usize) -> ChunksExact<'_, [Row; RUN]> {
         let rows = match self {
             Self::Own(rows) => rows.as_slice(),
-            Self::Lent(memory) => memory[unaligned(memory)..].as_chunks().0,
+            Self::Lent(memory) => aligned(memory),
         };
         rows.as_chunks().0.chunks_exact(runs)
     }
@@ -125,10 +125,7 @@ impl Chunk {
     fn panels_mut(&mut self, runs: usize) -> ChunksExactMut<'_, [Row; RUN]> {
         let rows = match self {
             Self::Own(rows) => rows.as_mut_slice(),
-            Self::Lent(memory) => {
-                let begin = unaligned(memory);
-                memory[begin..].as_chunks_mut().0
-            }
+            Self::Lent(memory) => aligned_mut(memory),
         };
         rows.as_chunks_mut().0.chunks_exact_mut(runs)
     }
@@ -219,7 +216,7 @@ impl<'a> Panels<'a> {
         }
     }
 
-    /// Gives the memory back to the system.
+    /// Gives the memory back to the allocator.
     pub fn release(mut self) {
         self.chunks.clear();
     }
