@@ -4,6 +4,8 @@
 //! orthogonality are small, and the number of eigenvalues below a cut just above the last pair, counted
 //! by Sylvester's law of inertia from a factorisation of M - theta S, equals what was found.
 
+use std::fs::File;
+use std::io;
 use std::sync::Arc;
 
 use salient_kernels::eigen::{self, EigenError, Hooks, Method, Options};
@@ -155,7 +157,7 @@ pub struct Eigensolve;
 
 impl Node for Eigensolve {
     const KIND: &'static str = "eigensolve";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
     const DOC: &'static str = "The smallest eigenpairs of M v = lambda S v, certified by inertia (eq. 10). \
         Shift-invert block Lanczos; dense for small meshes. It fails rather than return a wrong basis.";
     const EXAMPLE: &'static str = r#"
@@ -198,6 +200,8 @@ fn explain(e: &EigenError) -> NodeError {
         EigenError::TooMany { available, .. } => {
             NodeError::new(e.to_string()).help(format!("ask for `pairs: {available}` or fewer"))
         }
+        EigenError::Scratch { .. } => NodeError::passing(e.to_string())
+            .help("it is in the cache's directory: free space there, or name another with --cache"),
         _ => NodeError::new(e.to_string()),
     }
 }
@@ -211,6 +215,9 @@ impl Hooks for ContextHooks<'_> {
     }
     fn cancelled(&self) -> bool {
         self.0.cancelled()
+    }
+    fn scratch(&self) -> io::Result<Option<File>> {
+        self.0.scratch()
     }
     fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
         // Tasks that are left out are noticed by the kernel.

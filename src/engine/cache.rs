@@ -239,6 +239,11 @@ impl Cache {
         Ok(Some(bytes))
     }
 
+    /// A file without a name, gone once it is closed, however its process ends.
+    pub(super) fn scratch(&self) -> io::Result<fs::File> {
+        tempfile::tempfile_in(self.root.join("tmp")).map_err(|e| unwrap_path(&e))
+    }
+
     pub(super) fn write_sealed(&self, path: &Path, value: &impl Serialize) -> Result<(), CacheError> {
         let text = seal(value).map_err(|e| CacheError::new("write", path, &e.into()))?;
         self.write(path, text.as_bytes())
@@ -328,6 +333,15 @@ mod tests {
         if let Err(error) = fs::write(device, "x").map_err(|e| CacheError::new("write", device, &e)) {
             assert!(error.message.contains("/dev/full") && error.help.contains("gc"), "{error:?}");
         }
+    }
+
+    #[test]
+    fn a_scratch_file_has_no_name() {
+        let folder = tempfile::tempdir().expect("room");
+        let cache = Cache::open(folder.path()).expect("a new one");
+        let mut file = cache.scratch().expect("room");
+        file.write_all(b"for a while").expect("room");
+        assert_eq!(fs::read_dir(folder.path().join("tmp")).expect("there").count(), 0);
     }
 
     #[test]

@@ -1,6 +1,8 @@
 //! What a worker does: looks up keys, loads and executes calls, and stores what they make.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
@@ -396,6 +398,10 @@ impl Host for NodeHost<'_> {
 
     fn seconds(&self) -> f64 {
         self.started.elapsed().as_secs_f64()
+    }
+
+    fn scratch(&self) -> io::Result<Option<File>> {
+        self.shared.cache.scratch().map(Some)
     }
 
     fn borrow_workers(&self, wanted: usize) -> usize {

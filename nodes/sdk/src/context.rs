@@ -1,5 +1,7 @@
 //! All that a running node may ask of the world outside its inputs.
 
+use std::fs::File;
+use std::io;
 use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -27,6 +29,10 @@ pub trait Host: Sync {
     fn borrow_workers(&self, wanted: usize) -> usize;
     /// Gives workers back.
     fn return_workers(&self, count: usize);
+    /// An empty file that nobody else uses, gone once it is closed; `None` if this host has none to lend.
+    fn scratch(&self) -> io::Result<Option<File>> {
+        Ok(None)
+    }
     /// The values that were kept under these keys by nodes of this kind and version with this scope, in order; `None` for those that
     /// are not known. See [`crate::memo`]. May be fewer than asked for: the rest is not known.
     fn recall(&self, _scope: &Value, _keys: &[ItemKey]) -> Result<Vec<Option<Vec<u8>>>, NodeError> {
@@ -86,6 +92,12 @@ impl<'a> Context<'a> {
     #[must_use]
     pub fn seconds(&self) -> f64 {
         self.host.seconds()
+    }
+
+    /// An empty file to read and write, gone once it is closed: for what is large and not needed for a while. `None` if the host has none to lend; what is
+    /// computed must not depend on that.
+    pub fn scratch(&self) -> io::Result<Option<File>> {
+        self.host.scratch()
     }
 
     /// Keeps a figure in the record of the run.

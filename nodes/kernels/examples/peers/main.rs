@@ -22,6 +22,9 @@ use salient_kernels::eigen::{Hooks, Options, eigenpairs};
 use salient_kernels::laplacian::{Area, laplacian};
 use salient_sdk::threads;
 use std::error::Error;
+use std::fs::File;
+use std::io;
+use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -54,20 +57,26 @@ fn make(source: &str, levels: usize, out: &str) -> Result<(), Box<dyn Error>> {
 
 fn eigen(path: &str, k: usize, threads: usize, out: &str) -> Result<(), Box<dyn Error>> {
     let operator = files::read_operator(path)?;
-    let threads = Threads { idle: AtomicUsize::new(threads.saturating_sub(1)) };
-    let (pairs, cost) = measured(|| Ok(eigenpairs(&operator, k, &Options::default(), &threads)?))?;
+    let folder = Path::new(out).parent().unwrap_or(Path::new("."));
+    let host = Host { idle: AtomicUsize::new(threads.saturating_sub(1)), folder };
+    let (pairs, cost) = measured(|| Ok(eigenpairs(&operator, k, &Options::default(), &host)?))?;
     files::write_pairs(out, &pairs)?;
     let certificate = &pairs.certificate;
     report(&cost, &format!(r#", "rounds": {}, "method": "{:?}""#, certificate.rounds, certificate.method));
     Ok(())
 }
 
-/// Lends the kernel threads as long as there are idle ones.
-struct Threads {
+/// Lends the kernel threads as long as there are idle ones, and a file beside the result.
+struct Host<'a> {
     idle: AtomicUsize,
+    folder: &'a Path,
 }
 
-impl Hooks for Threads {
+impl Hooks for Host<'_> {
+    fn scratch(&self) -> io::Result<Option<File>> {
+        tempfile::tempfile_in(self.folder).map(Some)
+    }
+
     fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
         let mut lent = 0;
         let left = |idle: usize| {

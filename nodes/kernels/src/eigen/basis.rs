@@ -6,7 +6,7 @@
 use super::panel::{Block, Row, Rows, WIDTH, ZERO, add, norm, product, subtract_multiple};
 use super::parts::Pass;
 use super::passes::{Appending, Nearest, Product, Products, Removal, Step};
-use super::pool::{Panel, Panels, Pool, RUN, runs, runs_mut};
+use super::pool::{Panel, Panels, Place, Pool, RUN, runs, runs_mut};
 use super::tiles::{Combination, replace_by_product, subtract_products};
 use super::{EigenError, Hooks};
 use crate::random::Random;
@@ -129,9 +129,10 @@ impl Along {
 }
 
 impl<'a> Basis<'a> {
-    pub fn new(pool: &'a Pool, null: &'a Null, hooks: &'a dyn Hooks) -> Result<Self, EigenError> {
+    /// No panels yet.
+    pub fn new(pool: &'a Pool, place: Place, null: &'a Null, hooks: &'a dyn Hooks) -> Result<Self, EigenError> {
         Ok(Self {
-            panels: Panels::new(pool),
+            panels: Panels::new(pool, place),
             work: pool.panels(1)?,
             sketch: pool.panels(1)?,
             signs: Random::from_state(SIGNS),

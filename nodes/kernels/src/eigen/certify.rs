@@ -21,6 +21,9 @@ const REMOVED: f64 = 1e-11;
 /// Parts of a Gram matrix that may be summed on different threads.
 const GRAM_PARTS: usize = 4;
 
+/// Panels that are examined side by side.
+const TOGETHER: usize = 2;
+
 /// What certifying needs beside the vectors.
 pub(super) struct Columns<'a> {
     problem: &'a Problem<'a>,
@@ -53,52 +56,58 @@ impl<'a> Columns<'a> {
         Self { problem, null, order, hooks, scale, spare: Spare::new() }
     }
 
-    /// Computes Rayleigh quotients and residuals, and writes the vectors to the target, which has room for all of them: by vertex in the caller's units with their
-    /// signs, column after column, ascending by Rayleigh quotient. What is to be done `aside` is a task like each panel, the first and largest.
+    /// Computes Rayleigh quotients and residuals, and returns the vectors by vertex in the caller's units with their signs, column after column, ascending by
+    /// Rayleigh quotient, in memory that begins with room for null vectors and ends anywhere.
     pub fn examine(
         &self,
-        vectors: Vectors<'_>,
+        mut vectors: Vectors<'_>,
         wanted: usize,
         tolerance: f64,
-        target: &mut [f64],
-        aside: &(dyn Fn() + Sync),
-    ) -> Result<Findings, EigenError> {
-        let (n, places, guesses) = (self.order.len(), vectors.places(), vectors.values().to_vec());
-        let mut slots: Vec<Vec<Target<'_>>> = guesses.iter().map(|_| Vec::new()).collect();
-        for (column, &(panel, q)) in target.chunks_exact_mut(n).zip(&places) {
-            slots[panel].push((q, column));
-        }
-        let slots: Vec<_> = slots.into_iter().map(Mutex::new).collect();
-        let (mut results, mut null) = (Vec::<Quality>::with_capacity(guesses.len()), 0.0f64);
-        for store in vectors.into_stores() {
-            let (begin, panels) = (results.len(), store.all());
-            let examined = self.map(1 + panels.len(), &|task| {
-                let Some(p) = task.checked_sub(1) else {
-                    aside();
-                    return Ok(None);
-                };
-                let (memory, moments) = self.by_vertex(panels[p])?;
-                let (v, targets) = (memory.as_slice(), &mut *locked(&slots[begin + p]));
-                let factors = self.factors(v, &moments);
-                let quality = self.problem.examine_and(v, &guesses[begin + p], tolerance, &mut |rows| {
-                    write(v, &factors, &rows, targets);
-                });
-                self.spare.give(memory);
-                Ok(Some((quality, moments.null)))
-            })?;
-            for (quality, product) in
-                examined.into_iter().collect::<Result<Vec<_>, EigenError>>()?.into_iter().flatten()
-            {
+    ) -> Result<(Vec<f64>, Findings), EigenError> {
+        let (n, places) = (self.order.len(), vectors.places());
+        let (mut results, mut null) = (Vec::<Quality>::with_capacity(vectors.values().len()), 0.0f64);
+        while results.len() < vectors.values().len() {
+            for (quality, product) in self.examine_some(&mut vectors, &places, results.len(), tolerance)? {
                 results.push(quality);
                 null = null.max(product);
             }
-            // Memory is short while results are written.
-            store.release();
         }
-        drop(slots);
-        let (order, findings) = self::findings(&places, &results, null, wanted, tolerance);
-        permute(target, n, &order);
-        Ok(findings)
+        let (order, findings) = findings(&places, &results, null, wanted, tolerance);
+        permute(vectors.columns_mut(n, 0..places.len()), n, &order);
+        Ok((vectors.into_memory(), findings))
+    }
+
+    /// Examines some panels from this one on and writes their columns. They are copied by vertex first, all of them: their columns take their place.
+    fn examine_some(
+        &self,
+        vectors: &mut Vectors<'_>,
+        places: &[(usize, usize)],
+        first: usize,
+        tolerance: f64,
+    ) -> Result<Vec<(Quality, f64)>, EigenError> {
+        let panels = first..vectors.values().len().min(first + TOGETHER);
+        let all = vectors.panels();
+        let copies = self.map(panels.len(), &|i| self.by_vertex(all[first + i]))?;
+        let copies: Vec<(Rows, Moments)> = copies.into_iter().collect::<Result<_, _>>()?;
+        let values = vectors.values()[panels.clone()].to_vec();
+        let [begin, end] = [panels.start, panels.end].map(|panel| places.partition_point(|place| place.0 < panel));
+        let mut slots: Vec<Vec<Target<'_>>> = panels.map(|_| Vec::new()).collect();
+        let columns = vectors.columns_mut(self.order.len(), begin..end).chunks_exact_mut(self.order.len());
+        for (column, &(panel, q)) in columns.zip(&places[begin..end]) {
+            slots[panel - first].push((q, column));
+        }
+        let slots: Vec<_> = slots.into_iter().map(Mutex::new).collect();
+        let examined = self.map(copies.len(), &|i| {
+            let (memory, moments) = &copies[i];
+            let (v, targets) = (memory.as_slice(), &mut *locked(&slots[i]));
+            let factors = self.factors(v, moments);
+            let write = &mut |rows| write(v, &factors, &rows, targets);
+            (self.problem.examine_and(v, &values[i], tolerance, write), moments.null)
+        })?;
+        for (memory, _) in copies {
+            self.spare.give(memory);
+        }
+        Ok(examined)
     }
 
     /// A panel of R^-1 y by vertex, in memory whose rows are aligned to cache lines.
@@ -120,21 +129,21 @@ impl<'a> Columns<'a> {
 
     /// One step of correction, y - F^-1 (A y - lambda y), for the lowest vectors, eight at a time, until the next eight need none, or for all that need it: bounds are relative to the
     /// values, rounding errors of an indefinite factorisation are not. The factor, of A plus some multiple of I, grows none; what is high above a
-    /// pair vanishes under it, and most of the errors are.
+    /// pair vanishes under it, and most of the errors are. The values, one for each column that counts, become better too.
     pub fn polish(
         &self,
-        vectors: &mut Vectors<'_>,
+        panels: Vec<&mut Panel>,
+        values: &mut [f64],
         all: bool,
         tolerance: f64,
         factor: impl Fn() -> Result<Packed, EigenError>,
     ) -> Result<(), EigenError> {
         let mut at_hand = None;
-        for p in 0..vectors.panels().len() {
-            let (memory, _) = self.by_vertex(vectors.panels()[p])?;
+        for (panel, values) in panels.into_iter().zip(values.chunks_mut(WIDTH)) {
+            let (memory, _) = self.by_vertex(panel)?;
             let v = memory.as_slice();
-            let quality = self.problem.examine(v, &vectors.values()[p], tolerance);
-            let counts = vectors.counts(p);
-            if (0..WIDTH).all(|q| !counts[q] || quality.is_fine(q, tolerance)) {
+            let quality = self.problem.examine(v, &guesses(values), tolerance);
+            if (0..values.len()).all(|q| quality.is_fine(q, tolerance)) {
                 self.spare.give(memory);
                 if all {
                     continue;
@@ -149,17 +158,20 @@ impl<'a> Columns<'a> {
             let mut correction = self.problem.residual_rows(&quality.values, v, self.order);
             self.spare.give(memory);
             factor.solve(self.hooks, &mut correction)?;
-            vectors.correct(p, &correction, &quality.values);
+            for (row, x) in panel.as_flattened_mut().iter_mut().zip(&correction) {
+                (0..values.len()).for_each(|q| row[q] -= x[q]);
+            }
+            values.copy_from_slice(&quality.values[..values.len()]);
         }
         Ok(())
     }
 
-    /// The largest entry of |Y' Y - I| after removing what neighbouring slices left.
-    pub fn orthogonalise(&self, vectors: &mut Vectors<'_>) -> Result<f64, EigenError> {
-        let mut worst = f64::INFINITY;
+    /// The largest entry of |Y' Y - I| after removing what neighbouring slices left. What is to be done `aside` is done once, as a task like the parts of Y' Y.
+    pub fn orthogonalise(&self, vectors: &mut Vectors<'_>, aside: &(dyn Fn() + Sync)) -> Result<f64, EigenError> {
+        let (mut worst, mut aside) = (f64::INFINITY, Some(aside));
         for _ in 0..3 {
             let panels = vectors.panels();
-            let products = Products::of(&self.gram(&panels)?, vectors);
+            let products = Products::of(&self.gram(&panels, aside.take())?, vectors);
             worst = products.kept + products.second;
             if !products.steps.is_empty() {
                 vectors.subtract_multiples(&products.steps);
@@ -172,19 +184,24 @@ impl<'a> Columns<'a> {
     }
 
     /// Y' Y of all columns.
-    fn gram(&self, panels: &[&Panel]) -> Result<Triangle, EigenError> {
+    fn gram(&self, panels: &[&Panel], aside: Option<&(dyn Fn() + Sync)>) -> Result<Triangle, EigenError> {
         let runs = panels.first().map_or(0, |panel| panel.len());
         let share = runs.div_ceil(GRAM_PARTS).max(1);
-        let parts = self.map(runs.div_ceil(share), &|p| {
+        let before = usize::from(aside.is_some());
+        let parts = self.map(before + runs.div_ceil(share), &|task| {
             let mut sum = Triangle::zeros(panels.len());
-            sum.add_gram(panels, p * share..runs.min((p + 1) * share));
+            match (task.checked_sub(before), aside) {
+                (Some(p), _) => sum.add_gram(panels, p * share..runs.min((p + 1) * share)),
+                (None, Some(aside)) => aside(),
+                (None, None) => {}
+            }
             sum
         })?;
-        let add = |mut a: Triangle, b: Triangle| {
-            a.add(&b);
-            a
-        };
-        Ok(parts.into_iter().reduce(add).unwrap_or_else(|| Triangle::zeros(0)))
+        let mut total = Triangle::zeros(panels.len());
+        for part in &parts {
+            total.add(part);
+        }
+        Ok(total)
     }
 
     /// The largest residual of the null vectors over the first positive eigenvalue: rounding of the row sums.
@@ -202,6 +219,11 @@ impl<'a> Columns<'a> {
     fn map<T: Send>(&self, count: usize, task: &(dyn Fn(usize) -> T + Sync)) -> Result<Vec<T>, EigenError> {
         collect(self.hooks, count, task)
     }
+}
+
+/// A panel's approximate eigenvalues, as far as there are any.
+pub(super) fn guesses(values: &[f64]) -> Row {
+    std::array::from_fn(|q| values.get(q).copied().unwrap_or(0.0))
 }
 
 /// Writes some rows of v to columns, with these factors.
@@ -307,7 +329,7 @@ pub(super) const UNCERTIFIED: EigenError = EigenError::NotCertified { expected: 
 mod tests {
     use super::*;
     use crate::eigen::factor::Factorizer;
-    use crate::eigen::pool::Pool;
+    use crate::eigen::pool::{Panels, Pool};
     use crate::eigen::{Options, eigenpairs};
     use crate::laplacian::{Area, laplacian};
     use crate::random::Random;
@@ -342,7 +364,7 @@ mod tests {
         let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
         let factorizer = Factorizer::new(&problem).expect("small");
         let (order, n) = (factorizer.order(), vertices.len());
-        let (null, pool) = (problem.null(&order), Pool::new(n, 30));
+        let (null, pool) = (problem.null(&order), Pool::new(n, 1));
         let columns = Columns::new(&problem, &null, &order, &());
         // Some of the later vectors hold a little of an earlier one; 1e-4 is too much for terms of first order.
         for (share, bound) in [(1e-8, 2e-11), (1e-4, 2e-11)] {
@@ -352,14 +374,15 @@ mod tests {
                 let mixed = if j % 3 == 2 { y(vertex, j / 2) } else { 0.0 };
                 y(vertex, j) + share * mixed
             };
-            let mut vectors = Vectors::with(&pool, n, &[1.0; 30], entry).expect("small");
+            let panels = Panels::filled(&pool, n, 30, entry).expect("small");
+            let mut vectors = Vectors::of_all(&pool, panels, vec![1.0; 30]).expect("small");
             let gram = |vectors: &Vectors<'_>| {
-                let gram = columns.gram(&vectors.panels()).expect("not cancelled");
+                let gram = columns.gram(&vectors.panels(), None).expect("not cancelled");
                 let error = |i: usize, j: usize| (gram.row(i.max(j))(i.min(j)) - f64::from(u8::from(i == j))).abs();
                 (0..30).flat_map(|i| (0..30).map(move |j| (i, j))).map(|(i, j)| error(i, j)).fold(0.0, f64::max)
             };
             assert!(gram(&vectors) > 0.9 * share);
-            let known = columns.orthogonalise(&mut vectors).expect("not cancelled");
+            let known = columns.orthogonalise(&mut vectors, &|| ()).expect("not cancelled");
             let measured = gram(&vectors);
             assert!(measured <= known + 1e-14 && known < bound, "{share}: {measured:e} {known:e}");
         }
@@ -373,7 +396,7 @@ mod tests {
         let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
         let factorizer = Factorizer::new(&problem).expect("small");
         let (order, n) = (factorizer.order(), vertices.len());
-        let (null, pool) = (problem.null(&order), Pool::new(n, 24));
+        let (null, pool) = (problem.null(&order), Pool::new(n, 1));
         let columns = Columns::new(&problem, &null, &order, &());
         // Errors as a factorisation with growth leaves them: noise of 1e-8 in the vectors.
         let mut random = Random::from_state(3);
@@ -386,15 +409,16 @@ mod tests {
                 let y = exact.vectors[(j + 1) * n + vertex] * operator.mass[vertex].sqrt();
                 if j < from { y } else { y + noise[j * n + i] }
             };
-            Vectors::with(&pool, n, &guesses, entry).expect("small")
+            Panels::filled(&pool, n, 24, entry).expect("small")
         };
         let polished = |from: usize, all: bool| {
-            let mut vectors = noisy(from);
-            columns.polish(&mut vectors, all, 1e-8, || factorizer.factor(-12.0, &())).expect("not cancelled");
-            vectors
+            let (mut panels, mut values, factor) = (noisy(from), guesses.clone(), || factorizer.factor(-12.0, &()));
+            columns.polish(panels.all_mut(), &mut values, all, 1e-8, factor).expect("not cancelled");
+            panels
         };
-        let residual = |vectors: Vectors<'_>| {
-            columns.examine(vectors, 24, 1e-8, &mut vec![0.0; 24 * n], &|| ()).expect("not cancelled").residual
+        let residual = |panels: Panels<'_>| {
+            let vectors = Vectors::of_all(&pool, panels, guesses.clone()).expect("small");
+            columns.examine(vectors, 24, 1e-8).expect("not cancelled").1.residual
         };
         let [before, after] = [noisy(0), polished(0, false)].map(residual);
         assert!(before > 1e-6 && after < 0.05 * before, "{before} {after}");

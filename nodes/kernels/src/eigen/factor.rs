@@ -6,6 +6,7 @@ use super::problem::Problem;
 use super::spare::Spare;
 use super::{EigenError, Hooks};
 use crate::multifrontal::{Branch, Elimination, Fronts, Keep, Lower, Shifted, Symbolic};
+use std::f64::consts::PI;
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
 
@@ -17,6 +18,10 @@ const SHARE: f64 = 0.12;
 
 /// Factorisations that take less than so many nanoseconds are not worth threads.
 const LEAST: f64 = 2e5;
+
+/// A shift below the spectrum, by about the mean distance of eigenvalues: there A - shift I is positive definite, and its factorisation as accurate as
+/// can be.
+pub(super) const BELOW: f64 = -4.0 * PI;
 
 /// The part of a factorisation that all shifts share: ordering and fill.
 pub(super) struct Factorizer {
@@ -65,6 +70,13 @@ impl Factorizer {
             self.pivots(shift, hooks, own, rest)?.ok_or(EigenError::Factorisation { shift: shift / self.area })?;
         packed.invert(pivots);
         Ok(packed)
+    }
+
+    /// Gives memory that is kept for the next factorisation back to the allocator.
+    pub fn release(&self) {
+        self.fronts.clear();
+        self.left.clear();
+        self.shape.release();
     }
 
     /// The number of eigenvalues of A below `cut`: by Sylvester's law the number of negative pivots of A - cut I.

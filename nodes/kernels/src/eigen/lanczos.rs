@@ -8,7 +8,7 @@ use super::basis::{Along, Basis, Near, Null};
 use super::departure::{Departure, Recurrence};
 use super::packed::Packed;
 use super::panel::{Block, Row, WIDTH, ZERO, cholesky, inverse, norm, product, subtract, symmetrised, transposed};
-use super::pool::{Panels, Pool};
+use super::pool::{Panels, Place, Pool};
 use super::projected::Projected;
 use super::reach::{Chosen, Reach, Ritz, Verdict};
 use super::{EigenError, Hooks, Phase, enter};
@@ -61,6 +61,7 @@ pub(super) struct Run<'r, 'a> {
     pub factor: &'r Packed,
     pub null: &'a Null,
     pub pool: &'a Pool,
+    pub place: Place,
     pub reach: Reach,
     /// Accepted residual relative to the eigenvalue.
     pub tolerance: f64,
@@ -71,9 +72,15 @@ pub(super) struct Run<'r, 'a> {
 
 /// Eigenpairs of A found by one run, ascending; vectors of unit norm in elimination order.
 pub(super) struct Found<'a> {
-    pub values: Vec<f64>,
     pub vectors: Panels<'a>,
-    /// A gap above the last pair.
+    pub window: Window,
+}
+
+/// What a run has found out of the spectrum around its shift.
+pub(super) struct Window {
+    /// The eigenvalues, ascending.
+    pub values: Vec<f64>,
+    /// A gap above the last one.
     pub cut: f64,
     /// Relative width of that gap.
     pub gap: f64,
@@ -82,7 +89,7 @@ pub(super) struct Found<'a> {
     /// Eigenvalues below the shift beyond the null space, by inertia.
     pub count_below: usize,
     /// Whether blocks were dropped: what has not been found again of them is a difference, and residuals are known to its rounding errors only.
-    pub doubtful: bool,
+    pub is_doubtful: bool,
 }
 
 struct Krylov<'r, 'a> {
@@ -134,10 +141,21 @@ pub(super) fn lanczos<'a>(run: &Run<'_, 'a>, hooks: &'a dyn Hooks, step: &dyn Fn
     }
 }
 
-/// Blocks that convergence takes, measured: with pairs on both sides of the shift up to the end of the spectrum on one of them, or up to a window's
-/// edge. A block too many costs less than another look at the projected problem where n is small.
+/// Vectors that convergence takes by the number of pairs, measured.
+pub(super) struct Growth {
+    pub slope: f64,
+    pub start: f64,
+}
+
+/// With pairs on both sides of the shift, up to the end of the spectrum on one of them.
+pub(super) const FROM_BOTTOM: Growth = Growth { slope: 1.65, start: 60.0 };
+
+/// Up to a window's edges.
+pub(super) const WINDOW: Growth = Growth { slope: 1.95, start: 104.0 };
+
+/// Blocks that so many pairs take. One too many costs less than another look at the projected problem where n is small.
 pub(super) fn expected_blocks(pairs: usize, from_bottom: bool) -> usize {
-    let (slope, start) = if from_bottom { (1.65, 60.0) } else { (1.95, 104.0) };
+    let Growth { slope, start } = if from_bottom { FROM_BOTTOM } else { WINDOW };
     ((slope * pairs as f64 + start) / WIDTH as f64).ceil() as usize
 }
 
@@ -147,7 +165,7 @@ impl<'r, 'a> Krylov<'r, 'a> {
         let mut krylov = Self {
             run,
             hooks,
-            basis: Basis::new(run.pool, run.null, hooks)?,
+            basis: Basis::new(run.pool, run.place, run.null, hooks)?,
             recurrence: Recurrence::default(),
             departure: Departure::default(),
             dropped: Vec::new(),
@@ -335,15 +353,15 @@ impl<'r, 'a> Krylov<'r, 'a> {
                 || s.iter_mut().for_each(|x| *x = if (*x * scale).abs() > ROUNDED { *x * scale } else { 0.0 }),
             );
         }
-        Ok(Found {
+        let window = Window {
             values: chosen.pairs.iter().map(|r| r.value).collect(),
-            vectors: self.basis.combine(c.as_ref())?,
             cut: chosen.cut,
             gap: chosen.gap,
             shift: self.run.shift,
             count_below: self.run.count_below,
-            doubtful: !self.dropped.is_empty(),
-        })
+            is_doubtful: !self.dropped.is_empty(),
+        };
+        Ok(Found { vectors: self.basis.combine(c.as_ref())?, window })
     }
 }
 

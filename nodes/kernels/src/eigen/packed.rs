@@ -40,6 +40,12 @@ impl Shape {
         &self.symbolic
     }
 
+    /// Gives spare memory back to the allocator.
+    pub fn release(&self) {
+        self.spare.clear();
+        self.tops.clear();
+    }
+
     /// Entries of a factor.
     fn entries(&self) -> usize {
         self.value_starts.last().copied().unwrap_or(0)

@@ -18,41 +18,50 @@ pub(crate) const ZERO: Block = [[0.0; WIDTH]; WIDTH];
 
 /// Rows, aligned to cache lines. They come from the allocator, which keeps what is freed (see [`freed`](crate::freed)). No huge pages: where a guest's free memory
 /// goes back to its host they took up to 6 ms per MB, small ones 0.6, and passes are no faster.
-pub(crate) struct Rows(Vec<f64>);
+pub(crate) struct Rows {
+    memory: Vec<f64>,
+    /// Numbers before them that are not theirs.
+    front: usize,
+}
 
 impl Rows {
     /// So many rows of zeros.
     pub fn zeroed(count: usize) -> Result<Self, TryReserveError> {
+        Self::zeroed_after(0, count)
+    }
+
+    /// The same in memory that begins with room for so many numbers.
+    pub fn zeroed_after(front: usize, count: usize) -> Result<Self, TryReserveError> {
         // Wherever cache lines begin, so many whole rows follow and no more.
-        let room = count * WIDTH + WIDTH - 1;
+        let room = front + count * WIDTH + WIDTH - 1;
         // Zeros are cheapest from an allocation that cannot fail.
         Vec::<f64>::new().try_reserve_exact(room)?;
-        Ok(Self(vec![0.0; room]))
+        Ok(Self { memory: vec![0.0; room], front })
     }
 
     pub fn as_slice(&self) -> &[Row] {
-        aligned(&self.0)
+        self.memory[self.begin()..].as_chunks().0
     }
 
     pub fn as_mut_slice(&mut self) -> &mut [Row] {
-        aligned_mut(&mut self.0)
+        let begin = self.begin();
+        self.memory[begin..].as_chunks_mut().0
     }
-}
 
-/// The whole rows in memory that begin where cache lines do: those that lie across two are slow to load.
-pub(crate) fn aligned(memory: &[f64]) -> &[Row] {
-    memory[unaligned(memory)..].as_chunks().0
-}
+    /// The memory that the rows lie in, from before them.
+    pub fn memory_mut(&mut self) -> &mut [f64] {
+        &mut self.memory
+    }
 
-/// The same, to be written.
-pub(crate) fn aligned_mut(memory: &mut [f64]) -> &mut [Row] {
-    let begin = unaligned(memory);
-    memory[begin..].as_chunks_mut().0
-}
+    pub fn into_memory(self) -> Vec<f64> {
+        self.memory
+    }
 
-/// Numbers before the first cache line.
-fn unaligned(memory: &[f64]) -> usize {
-    memory.as_ptr().align_offset(size_of::<Row>()).min(memory.len())
+    /// Where the first cache line after the front begins: rows that lie across two are slow to load.
+    fn begin(&self) -> usize {
+        let after = &self.memory[self.front..];
+        self.front + after.as_ptr().align_offset(size_of::<Row>()).min(after.len())
+    }
 }
 
 /// y -= l x.

@@ -1,9 +1,8 @@
 //! Memory of panels. Passes over them go run by run; see `basis`.
 
 use super::EigenError;
-use super::panel::{Row, Rows, WIDTH, aligned, aligned_mut};
+use super::panel::{Row, Rows, WIDTH};
 use super::spare::Spare;
-use std::slice::{ChunksExact, ChunksExactMut};
 
 /// Vertices per run: a panel of it is 8 KiB, a sixth of a first-level cache. Measured: 64 to 512 are the same on 10,000 vertices; on 1,093 the rows that
 /// fill the last run up take a tenth of the time with 256.
@@ -18,36 +17,26 @@ const PAGE: usize = 4096;
 /// A panel in runs.
 pub(super) type Panel = [[Row; RUN]];
 
-/// Memory of bases that are done with, for those to come, and memory that is lent to them: fresh pages are dear.
+/// Memory of bases that are done with, for those to come: fresh pages are dear.
 pub(super) struct Pool {
     runs: usize,
+    /// Numbers before the first panel of a sequence: Ritz vectors that take its place become the result there, behind what it begins with.
+    front: usize,
+    /// The first panels of sequences, in one piece.
+    firsts: Spare<Rows>,
     free: Spare<Rows>,
-    lent: Spare<Vec<f64>>,
-    /// Panels of a basis that Ritz vectors will replace; those after them may lie in lent memory.
-    staying: usize,
 }
 
 impl Pool {
-    /// Panels of n rows for bases of which about so many vectors will stay.
-    pub fn new(n: usize, staying: usize) -> Self {
-        let (free, lent) = (Spare::new(), Spare::new());
-        Self { runs: n.div_ceil(RUN), free, lent, staying: staying.div_ceil(WIDTH) }
+    /// Panels of n rows, after so many columns that the result begins with.
+    pub fn new(n: usize, columns: usize) -> Self {
+        Self { runs: n.div_ceil(RUN), front: n * columns, firsts: Spare::new(), free: Spare::new() }
     }
 
-    /// Lends memory that is needed only when bases are gone, with any content.
-    pub fn lend(&self, memory: Vec<f64>) {
-        self.lent.give(memory);
-    }
-
-    /// What was lent, if no panel is in it any more.
-    pub fn take_back(&self) -> Option<Vec<f64>> {
-        self.lent.take()
-    }
-
-    /// Touches memory for a sequence of at most so many panels, as long as the caller wants more: the first touch of a page takes longer than most of what
-    /// a step of Lanczos does with it, so that is better done while there is nothing else to do for a second thread.
-    pub fn prepare(&self, panels: usize, wanted: impl Fn() -> bool) -> Result<(), EigenError> {
-        let mut prepared = Panels::new(self);
+    /// Touches memory for a sequence of at most so many panels as long as the caller wants more: the first touch of a
+    /// page takes longer than most of what a step of Lanczos does with it, so that is better done while there is nothing else to do for a second thread.
+    pub fn prepare(&self, place: Place, panels: usize, wanted: impl Fn() -> bool) -> Result<(), EigenError> {
+        let mut prepared = Panels::new(self, place);
         while prepared.count() < panels && wanted() {
             prepared.grow()?;
             let (_, last) = prepared.split().unwrap_or_default();
@@ -56,9 +45,22 @@ impl Pool {
         Ok(())
     }
 
+    /// Numbers before the first panel of a piece.
+    pub fn front(&self) -> usize {
+        self.front
+    }
+
     /// Gives what is free back to the allocator.
     pub fn clear(&self) {
+        self.firsts.clear();
         self.free.clear();
+    }
+
+    /// Room in one piece for so many panels, with any content.
+    pub fn piece(&self, panels: usize) -> Result<Rows, EigenError> {
+        let rows = panels * self.runs * RUN;
+        let kept = self.firsts.take().filter(|kept| kept.as_slice().len() >= rows);
+        kept.map_or_else(|| Rows::zeroed_after(self.front, rows).map_err(|_| EigenError::Memory), Ok)
     }
 
     /// New zeroed panels, touched: pages that are read before they are written cost two faults, and while another thread runs, an interrupt of its
@@ -82,52 +84,9 @@ impl Pool {
         runs_mut(rows).chunks_exact_mut(self.runs).collect()
     }
 
-    /// More room for a sequence of so many panels.
-    fn chunk(&self, count: usize) -> Result<Chunk, EigenError> {
-        if count >= self.staying
-            && let Some(memory) = self.lent.take()
-        {
-            return Ok(Chunk::Lent(memory));
-        }
-        self.own_chunk(if count == 0 { self.staying.max(1) } else { CHUNK })
-    }
-
-    fn own_chunk(&self, panels: usize) -> Result<Chunk, EigenError> {
-        let free = self.free.take();
-        Ok(Chunk::Own(free.map_or_else(|| self.untouched(panels), Ok)?))
-    }
-
-    fn give_back(&self, chunks: impl IntoIterator<Item = Chunk>) {
-        for chunk in chunks {
-            match chunk {
-                Chunk::Own(rows) => self.free.give(rows),
-                Chunk::Lent(memory) => self.lent.give(memory),
-            }
-        }
-    }
-}
-
-/// Some panels, one after the other.
-enum Chunk {
-    Own(Rows),
-    Lent(Vec<f64>),
-}
-
-impl Chunk {
-    fn panels(&self, runs: usize) -> ChunksExact<'_, [Row; RUN]> {
-        let rows = match self {
-            Self::Own(rows) => rows.as_slice(),
-            Self::Lent(memory) => aligned(memory),
-        };
-        rows.as_chunks().0.chunks_exact(runs)
-    }
-
-    fn panels_mut(&mut self, runs: usize) -> ChunksExactMut<'_, [Row; RUN]> {
-        let rows = match self {
-            Self::Own(rows) => rows.as_mut_slice(),
-            Self::Lent(memory) => aligned_mut(memory),
-        };
-        rows.as_chunks_mut().0.chunks_exact_mut(runs)
+    /// More room for panels.
+    fn chunk(&self) -> Result<Rows, EigenError> {
+        self.free.take().map_or_else(|| self.untouched(CHUNK), Ok)
     }
 }
 
@@ -144,50 +103,86 @@ pub(super) fn runs_mut(rows: &mut Rows) -> &mut Panel {
     rows.as_mut_slice().as_chunks_mut().0
 }
 
+/// The piece of memory that the first panels of a sequence lie in.
+#[derive(Clone, Copy)]
+pub(super) struct Place {
+    /// How many those are.
+    pub panels: usize,
+    /// How many there is room for: others may join them in the end.
+    pub room: usize,
+}
+
 /// A growing sequence of panels, whose memory comes from a pool and goes back to it.
 pub(super) struct Panels<'a> {
-    chunks: Vec<Chunk>,
+    /// The first one as the place says, whole ones after it.
+    chunks: Vec<Rows>,
     count: usize,
+    place: Place,
     pool: &'a Pool,
 }
 
 impl Drop for Panels<'_> {
     fn drop(&mut self) {
-        // What comes first is taken up again first.
-        self.pool.give_back(self.chunks.drain(..).rev());
+        self.give_back(0);
     }
 }
 
 impl<'a> Panels<'a> {
-    pub fn new(pool: &'a Pool) -> Self {
-        Self { chunks: Vec::new(), count: 0, pool }
+    pub fn new(pool: &'a Pool, place: Place) -> Self {
+        Self { chunks: Vec::new(), count: 0, place, pool }
+    }
+
+    /// So many columns of n entries by row and column, in one piece.
+    pub fn filled(
+        pool: &'a Pool,
+        n: usize,
+        columns: usize,
+        entry: impl Fn(usize, usize) -> f64,
+    ) -> Result<Self, EigenError> {
+        let count = columns.div_ceil(WIDTH);
+        let mut panels = Self::new(pool, Place { panels: count, room: count });
+        for p in 0..count {
+            panels.grow()?;
+            let Some((_, panel)) = panels.split() else { continue };
+            for (i, row) in panel.as_flattened_mut().iter_mut().enumerate() {
+                let inside = |j: usize| i < n && j < columns;
+                *row = std::array::from_fn(|q| p * WIDTH + q).map(|j| if inside(j) { entry(i, j) } else { 0.0 });
+            }
+        }
+        Ok(panels)
     }
 
     pub fn count(&self) -> usize {
         self.count
     }
 
-    fn capacity(&self) -> usize {
-        self.chunks.iter().map(|chunk| chunk.panels(self.pool.runs).len()).sum()
+    /// Panels that so many chunks hold.
+    fn capacity(&self, chunks: usize) -> usize {
+        chunks.checked_sub(1).map_or(0, |others| self.place.panels + others * CHUNK)
     }
 
     /// Adds a panel with any content.
     pub fn grow(&mut self) -> Result<(), EigenError> {
-        while self.count == self.capacity() {
-            self.chunks.push(self.pool.chunk(self.count)?);
+        if self.chunks.is_empty() {
+            self.chunks.push(self.pool.piece(self.place.room)?);
+        }
+        if self.count == self.capacity(self.chunks.len()) {
+            self.chunks.push(self.pool.chunk()?);
         }
         self.count += 1;
         Ok(())
     }
 
     pub fn all(&self) -> Vec<&Panel> {
-        let panels = self.chunks.iter().flat_map(|chunk| chunk.panels(self.pool.runs));
-        panels.take(self.count).collect()
+        let mut chunks = self.chunks.iter().map(|chunk| self.pool.split(chunk).into_iter());
+        let first = chunks.next().into_iter().flatten().take(self.place.panels);
+        first.chain(chunks.flatten()).take(self.count).collect()
     }
 
     pub fn all_mut(&mut self) -> Vec<&mut Panel> {
-        let panels = self.chunks.iter_mut().flat_map(|chunk| chunk.panels_mut(self.pool.runs));
-        panels.take(self.count).collect()
+        let mut chunks = self.chunks.iter_mut().map(|chunk| self.pool.split_mut(chunk).into_iter());
+        let first = chunks.next().into_iter().flatten().take(self.place.panels);
+        first.chain(chunks.flatten()).take(self.count).collect()
     }
 
     /// The last two, the last one first.
@@ -207,37 +202,33 @@ impl<'a> Panels<'a> {
     /// Gives all but the first panels back.
     pub fn truncate(&mut self, count: usize) {
         self.count = self.count.min(count);
-        while let Some(chunk) = self.chunks.pop() {
-            if self.capacity() < self.count {
-                self.chunks.push(chunk);
-                break;
-            }
-            self.pool.give_back([chunk]);
+        let used = (0..self.chunks.len()).take_while(|&before| self.capacity(before) < self.count).count();
+        self.give_back(used);
+    }
+
+    /// Gives chunks from this one on back; what comes first is taken up again first.
+    fn give_back(&mut self, from: usize) {
+        for chunk in self.chunks.drain(from.max(1).min(self.chunks.len())..).rev() {
+            self.pool.free.give(chunk);
+        }
+        if from == 0 {
+            self.chunks.drain(..).for_each(|chunk| self.pool.firsts.give(chunk));
         }
     }
 
-    /// Gives the memory back to the allocator.
-    pub fn release(mut self) {
-        self.chunks.clear();
-    }
-
-    /// Moves panels out of lent memory.
-    pub fn settle(mut self) -> Result<Self, EigenError> {
-        let own = self.chunks.iter().position(|chunk| matches!(chunk, Chunk::Lent(_)));
-        let rest = self.chunks.split_off(own.unwrap_or(self.chunks.len()));
-        let left = self.count.saturating_sub(self.capacity());
-        self.count -= left;
-        for panel in rest.iter().flat_map(|chunk| chunk.panels(self.pool.runs)).take(left) {
-            if self.count == self.capacity() {
-                self.chunks.push(self.pool.own_chunk(CHUNK)?);
-            }
-            self.count += 1;
-            if let Some((_, target)) = self.split() {
-                target.copy_from_slice(panel);
-            }
+    /// All panels in one piece with room for so many: where they are, if there is that much.
+    pub fn into_piece(mut self, room: usize) -> Result<Rows, EigenError> {
+        self.truncate(self.count);
+        if let [only] = self.chunks.as_slice()
+            && self.pool.split(only).len() >= room.max(self.count)
+        {
+            return Ok(self.chunks.remove(0));
         }
-        self.pool.give_back(rest);
-        Ok(self)
+        let mut piece = self.pool.piece(room)?;
+        for (target, panel) in self.pool.split_mut(&mut piece).into_iter().zip(self.all()) {
+            target.copy_from_slice(panel);
+        }
+        Ok(piece)
     }
 }
 
@@ -247,8 +238,8 @@ mod tests {
 
     const N: usize = 3 * RUN - 5;
 
-    fn grown(pool: &Pool, count: usize) -> Panels<'_> {
-        let mut panels = Panels::new(pool);
+    fn grown(pool: &Pool, first: usize, room: usize, count: usize) -> Panels<'_> {
+        let mut panels = Panels::new(pool, Place { panels: first, room });
         for p in 0..count {
             panels.grow().expect("small");
             let (_, last) = panels.split().expect("not empty");
@@ -257,46 +248,42 @@ mod tests {
         panels
     }
 
-    /// Whether the lent memory is in no panel's use.
-    fn is_at_hand(pool: &Pool) -> bool {
-        let memory = pool.take_back();
-        memory.map(|memory| pool.lend(memory)).is_some()
-    }
-
-    fn hold(panels: &Panels<'_>, count: usize) -> bool {
-        let all = panels.all();
+    fn hold(panels: &[&Panel], count: usize) -> bool {
         let constant = |(p, panel): (usize, &&Panel)| {
             panel.as_flattened().as_flattened().iter().all(|x| x.to_bits() == (p as f64).to_bits())
         };
-        all.len() == count && all.iter().enumerate().all(constant)
+        panels.len() == count && panels.iter().enumerate().all(constant)
     }
 
     #[test]
-    fn panels_keep_what_they_hold_in_own_and_in_lent_memory() {
-        let pool = Pool::new(N, CHUNK * WIDTH);
-        // Room for five panels and a bit.
-        pool.lend(vec![-1.0; 5 * 3 * RUN * WIDTH + 40]);
+    fn panels_keep_what_they_hold_and_memory_goes_round() {
+        let pool = Pool::new(N, 2);
+        let mut panels = grown(&pool, 3, 5, 3 + 2 * CHUNK);
+        assert!(hold(&panels.all(), 3 + 2 * CHUNK));
+        panels.truncate(4);
+        assert!(hold(&panels.all(), 4) && panels.chunks.len() == 2);
+        // A second sequence takes up what the first gave back.
+        let second = grown(&pool, 2, 2, 2 * CHUNK);
+        assert!(hold(&second.all(), 2 * CHUNK) && hold(&panels.all(), 4));
+        assert!(pool.free.take().is_none());
+        drop((second, panels));
+        assert!(pool.firsts.take().is_some() && pool.free.take().is_some());
+    }
+
+    #[test]
+    fn a_piece_is_where_the_panels_were_or_a_larger_one() {
+        let pool = Pool::new(N, 2);
+        // Panels that begin in one piece, room there, panels in all, room that is wanted.
+        for (first, room, count, wanted) in
+            [(5, 5, 4, 5), (5, 5, 4, 6), (5, 9, 4, 6), (3, 3, 4, 4), (3, 9, 4, 4), (3, 3, 4, 9), (2, 2, 0, 1)]
         {
-            let mut panels = grown(&pool, 3 * CHUNK);
-            assert!(hold(&panels, 3 * CHUNK) && !is_at_hand(&pool));
-            panels.truncate(CHUNK + 1);
-            let panels = panels.settle().expect("small");
-            assert!(hold(&panels, CHUNK + 1) && is_at_hand(&pool));
-            // A second sequence takes up what the first gave back.
-            let mut second = grown(&pool, 2 * CHUNK);
-            assert!(hold(&second, 2 * CHUNK) && hold(&panels, CHUNK + 1) && !is_at_hand(&pool));
-            second.truncate(CHUNK);
-            assert!(hold(&second, CHUNK) && is_at_hand(&pool));
+            let panels = grown(&pool, first, room, count);
+            let at = panels.all().first().map(|panel| panel.as_ptr());
+            let mut piece = panels.into_piece(wanted).expect("small");
+            let all = pool.split(&piece);
+            assert!(all.len() >= wanted && hold(&all[..count], count));
+            assert_eq!(at == Some(all[0].as_ptr()), count > 0 && first >= count && room >= wanted);
+            assert!(piece.memory_mut().len() >= 2 * N + wanted * 3 * RUN * size_of::<Row>() / size_of::<f64>());
         }
-        assert_eq!(pool.take_back().map(|memory| memory.len()), Some(5 * 3 * RUN * WIDTH + 40));
-        assert!(pool.take_back().is_none());
-    }
-
-    #[test]
-    fn lent_memory_that_is_too_small_for_a_panel_does_no_harm() {
-        let pool = Pool::new(N, 0);
-        pool.lend(vec![0.0; 7]);
-        assert!(hold(&grown(&pool, CHUNK + 2), CHUNK + 2));
-        assert!(pool.take_back().is_some());
     }
 }

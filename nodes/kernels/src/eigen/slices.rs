@@ -1,12 +1,15 @@
 //! The wanted part of the spectrum in slices: each around a shift of its own, independent of the others, joined at cuts in gaps.
 
 use super::basis::Null;
-use super::factor::Factorizer;
-use super::lanczos::{Found, Run, expected_blocks, lanczos};
+use super::certify::Columns;
+use super::factor::{BELOW, Factorizer};
+use super::lanczos::{Found, Run, Window, lanczos};
 use super::packed::Packed;
 use super::parts::{collect, locked};
 use super::pool::Pool;
 use super::reach::{Reach, Side};
+use super::scratch::{Kept, Scratch};
+use super::slicing::Slicing;
 use super::vectors::{Store, Vectors};
 use super::{EigenError, Hooks, Options, Phase, enter};
 use std::f64::consts::PI;
@@ -18,9 +21,11 @@ pub(super) struct Spectrum<'a> {
     pub factorizer: &'a Factorizer,
     pub null: &'a Null,
     pub pool: &'a Pool,
+    pub columns: &'a Columns<'a>,
     pub n: usize,
     /// Eigenvalues wanted beyond the null space.
     pub wanted: usize,
+    pub slicing: Slicing,
     pub options: &'a Options,
     pub hooks: &'a dyn Hooks,
 }
@@ -33,8 +38,6 @@ pub(super) struct Union<'a> {
     pub gap: f64,
     /// Whether there is no eigenvalue above the cut.
     pub last: bool,
-    /// Whether residuals may be larger than a Lanczos run thought.
-    pub doubtful: bool,
 }
 
 /// A window of the spectrum that ends where the next one begins: its shift, about how many pairs, and the factorisation if it is at hand.
@@ -43,15 +46,6 @@ struct Slice {
     shift: f64,
     pairs: usize,
     factor: Mutex<Option<Packed>>,
-}
-
-/// Pairs of a slice. More slices save as much orthogonalisation and projected problem as they cost solves and factorisations, need less memory for bases, and
-/// can run side by side. Measured at 1,093 to 190,000 vertices: 100 to 160 pairs are within 5 % of each other; one slice of 100 is faster than two.
-const SLICE_PAIRS: usize = 140;
-
-/// How many slices, from the number of pairs alone.
-pub(super) fn slice_count(wanted: usize) -> usize {
-    (wanted / SLICE_PAIRS).max(1)
 }
 
 /// Where the shift is best in the lowest window, by the share of its eigenvalues that are below: those end with the spectrum, and converge sooner than
@@ -68,29 +62,50 @@ pub(super) struct Attempt {
     pub restarts: usize,
 }
 
-/// One attempt at the whole.
-pub(super) fn union<'a>(spectrum: &Spectrum<'a>, attempt: Attempt) -> Result<Union<'a>, EigenError> {
+/// One attempt at the whole. Slices are found side by side, or if memory is short one after the other, and all but the lowest go to the scratch file, if
+/// there is one.
+pub(super) fn union<'a>(
+    spectrum: &Spectrum<'a>,
+    scratch: Option<&'a Scratch>,
+    attempt: Attempt,
+) -> Result<Union<'a>, EigenError> {
     let slices = plan(spectrum, attempt)?;
     let count = slices.len();
-    let blocks = count * expected_blocks(spectrum.wanted / count, count == 1);
+    let blocks: usize = (0..count).map(|slice| spectrum.slicing.blocks(slice)).sum();
     let done = AtomicUsize::new(0);
     let step = || {
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         spectrum.hooks.progress(0.05 + 0.8 * (done as f64 / blocks as f64).min(1.0));
     };
-    let found = collect(spectrum.hooks, count, &|task| {
-        // The uppermost slice first: its factorisation is at hand.
-        run_slice(spectrum, &slices, count - 1 - task, attempt, &step)
-    })?;
-    spectrum.pool.clear();
-    join(found.into_iter().rev().collect::<Result<_, _>>()?, spectrum.null.count)
+    let run = |i: usize| {
+        let Found { vectors, window } = run_slice(spectrum, &slices, i, attempt, &step)?;
+        let away = scratch.filter(|_| i > 0);
+        let kept = if let Some(scratch) = away { scratch.put(&vectors)? } else { Kept::Here(vectors) };
+        Ok((kept, window))
+    };
+    // The uppermost slice first: its factorisation is at hand.
+    let found: Vec<_> = if spectrum.slicing.is_frugal {
+        (0..count).rev().map(run).collect()
+    } else {
+        collect(spectrum.hooks, count, &|task| run(count - 1 - task))?
+    };
+    release(spectrum);
+    join(spectrum, found.into_iter().rev().collect::<Result<_, _>>()?)
 }
 
-/// Windows of as many eigenvalues each, by Weyl's law as the count at the uppermost shift corrects it, and a shift in each.
+/// Gives all memory that is kept for use again back to the allocator.
+fn release(spectrum: &Spectrum<'_>) {
+    spectrum.pool.clear();
+    if spectrum.slicing.is_frugal {
+        spectrum.factorizer.release();
+    }
+}
+
+/// Windows by Weyl's law as the count at the uppermost shift corrects it, and a shift in each.
 fn plan(spectrum: &Spectrum<'_>, attempt: Attempt) -> Result<Vec<Slice>, EigenError> {
-    let count = slice_count(spectrum.wanted);
+    let (count, slicing) = (spectrum.slicing.count(), spectrum.slicing);
     let wanted = spectrum.wanted as f64;
-    let share = wanted / count as f64;
+    let share = slicing.pairs(count - 1);
     let nudge = [1.0, 0.93, 1.06, 0.97][attempt.number % 4];
     let aim = nudge * if count == 1 { LOWEST * wanted } else { wanted - 0.5 * share };
     // Area 1: eigenvalue number j is about 4 pi j.
@@ -109,9 +124,10 @@ fn plan(spectrum: &Spectrum<'_>, attempt: Attempt) -> Result<Vec<Slice>, EigenEr
     // The uppermost window of several reaches as far below its shift as above it; the others share the rest.
     let edge = (2.0 * below - wanted).clamp(0.0, below);
     let value = |number: f64| top * number / below.max(1.0);
+    let mut end = 0.0;
     let slices = (0..count).map(|i| {
-        let width = edge / (count - 1).max(1) as f64;
-        let begin = i as f64 * width;
+        let (begin, width) = (end, edge * slicing.pairs(i) / (wanted - share));
+        end += width;
         let middle = if i == 0 { LOWEST } else { 0.5 };
         let (shift, pairs) =
             if i + 1 == count { (top, wanted - begin) } else { (value(begin + middle * width), width) };
@@ -150,40 +166,55 @@ fn run_slice<'a>(
         factor: &factor,
         null: spectrum.null,
         pool: spectrum.pool,
+        place: spectrum.slicing.place(i),
         reach: Reach { below, above, expected: slice.pairs },
         tolerance: spectrum.options.tolerance,
         restarts: attempt.restarts,
         seed: 1 + (attempt.number * 64 + i) as u64,
     };
-    let found = lanczos(&run, spectrum.hooks, step)?;
-    // The next slice's basis shall have what was lent.
-    Ok(Found { vectors: found.vectors.settle()?, ..found })
+    if spectrum.slicing.is_frugal {
+        spectrum.factorizer.release();
+        if i == 0 {
+            // Its basis begins where the result will be.
+            spectrum.pool.clear();
+        }
+    }
+    let Found { mut vectors, mut window } = lanczos(&run, spectrum.hooks, step)?;
+    drop(factor);
+    if i == 0 || window.is_doubtful {
+        enter(spectrum.hooks, Phase::Certify)?;
+        let (values, all) = (&mut window.values, window.is_doubtful);
+        spectrum.columns.polish(vectors.all_mut(), values, all, spectrum.options.tolerance, || {
+            enter(spectrum.hooks, Phase::Factorise)?;
+            spectrum.factorizer.factor(BELOW, spectrum.hooks)
+        })?;
+    }
+    Ok(Found { vectors, window })
 }
 
 /// Joins neighbours at the lower one's cut.
-fn join(found: Vec<Found<'_>>, null: usize) -> Result<Union<'_>, EigenError> {
-    let (cut, gap) = found.last().map_or((0.0, 0.0), |f| (f.cut, f.gap));
-    let doubtful = found.iter().any(|f| f.doubtful);
+fn join<'a>(spectrum: &Spectrum<'a>, found: Vec<(Kept<'a>, Window)>) -> Result<Union<'a>, EigenError> {
+    let (cut, gap) = found.last().map_or((0.0, 0.0), |(_, window)| (window.cut, window.gap));
     let mut values: Vec<f64> = Vec::new();
     let mut stores = Vec::new();
     let mut from = 0.0;
-    for slice in found {
+    for (panels, window) in found {
         let mut columns = Vec::new();
-        for (column, &value) in slice.values.iter().enumerate().filter(|v| *v.1 > from) {
+        for (column, &value) in window.values.iter().enumerate().filter(|v| *v.1 > from) {
             values.push(value);
             columns.push(column);
         }
-        stores.push(Store { panels: slice.vectors, values: slice.values, columns });
+        stores.push(Store { panels, values: window.values, columns });
         // The shift has its own count: what is missing or double is noticed where it happens.
-        let below = values.iter().filter(|v| **v < slice.shift).count();
-        if below != slice.count_below {
+        let below = values.iter().filter(|v| **v < window.shift).count();
+        if below != window.count_below {
             return Err(EigenError::NotCertified {
-                expected: slice.count_below + null,
-                found: below + null,
+                expected: window.count_below + spectrum.null.count,
+                found: below + spectrum.null.count,
                 residual: f64::NAN,
             });
         }
-        from = slice.cut;
+        from = window.cut;
     }
-    Ok(Union { vectors: Vectors::new(stores)?, cut, gap, last: false, doubtful })
+    Ok(Union { vectors: Vectors::new(spectrum.pool, stores)?, cut, gap, last: false })
 }

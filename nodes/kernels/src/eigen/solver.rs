@@ -1,28 +1,27 @@
 //! From a problem to certified pairs: the method, the attempts, the certificate.
 
 use super::basis::Null;
-use super::certify::{Columns, Findings, UNCERTIFIED};
+use super::certify::{Columns, UNCERTIFIED};
 use super::cut::place_cut;
 use super::dense::{lifted, orthonormalise, refine, symmetric_eigen};
-use super::factor::Factorizer;
+use super::factor::{BELOW, Factorizer};
 use super::lanczos::expected_blocks;
 use super::panel::WIDTH;
 use super::parts::both;
-use super::pool::Pool;
+use super::pool::{Panels, Pool};
 use super::problem::Problem;
-use super::slices::{Attempt, Spectrum, Union, slice_count, union};
+use super::scratch::Scratch;
+use super::slices::{Attempt, Spectrum, Union, union};
+use super::slicing::Slicing;
 use super::vectors::Vectors;
 use super::{Certificate, EigenError, Eigenpairs, Hooks, Method, Options, Phase, enter};
-use std::f64::consts::PI;
+use std::fs::File;
+use std::io;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Accepted departure of V' S V from the identity.
 const ORTHOGONALITY: f64 = 1e-10;
-
-/// A shift below the spectrum, by about the mean distance of eigenvalues: there A - shift I is positive definite, and its factorisation as accurate as
-/// can be.
-const BELOW: f64 = -4.0 * PI;
 
 /// Attempts before giving up, each with other shifts and, if pairs were missing, more fresh blocks.
 const ATTEMPTS: usize = 6;
@@ -39,27 +38,27 @@ pub(crate) fn solve(
     hooks.progress(0.0);
     enter(hooks, Phase::Order)?;
     let (n, wanted) = (problem.n(), k.saturating_sub(problem.nullity()));
-    let slices = slice_count(wanted);
-    let pool = Pool::new(n, wanted / slices);
-    let sparse = is_sparse(n, wanted, options);
+    let slicing = Slicing::new(n, wanted, options);
+    let pool = Pool::new(n, k - wanted);
     let prepare = || {
         // Several slices have work for other threads while they touch their memory.
-        if !sparse || slices > 1 {
+        if !is_sparse(n, wanted, options) || slicing.count() > 1 {
             return Ok(());
         }
-        pool.lend(vec![0.0; n * k]);
-        pool.prepare(1 + expected_blocks(wanted, true), || !hooks.cancelled())
+        pool.prepare(slicing.place(0), 1 + expected_blocks(wanted, true), || !hooks.cancelled())
     };
     let (factorizer, prepared) = both(hooks, || Factorizer::new(problem), prepare)?;
     prepared?;
     let factorizer = factorizer?;
     let order = factorizer.order();
+    let null = problem.null(&order);
     let solver = Solver {
         problem,
         factorizer: &factorizer,
         order: &order,
-        null: &problem.null(&order),
+        null: &null,
         pool: &pool,
+        columns: &Columns::new(problem, &null, &order, hooks),
         k,
         options,
         hooks,
@@ -84,6 +83,10 @@ impl Hooks for Forward<'_> {
 
     fn cancelled(&self) -> bool {
         self.hooks.cancelled()
+    }
+
+    fn scratch(&self) -> io::Result<Option<File>> {
+        self.hooks.scratch()
     }
 
     fn phase(&self, phase: Phase) {
@@ -111,8 +114,7 @@ fn check(problem: &Problem<'_>, k: usize, options: &Options) -> Result<(), Eigen
 /// Whether Lanczos is to be tried: not where Krylov spaces are most of the whole one, or pairs most of all. Measured at 1,093 vertices: 700 pairs take 0.14 s
 /// by Lanczos and 0.49 densely; of 900, Lanczos needs several attempts.
 fn is_sparse(n: usize, wanted: usize, options: &Options) -> bool {
-    let slices = slice_count(wanted);
-    let krylov = WIDTH * expected_blocks(wanted / slices, slices == 1);
+    let krylov = WIDTH * Slicing::new(n, wanted, options).blocks(0);
     n > options.dense_limit && 4 * krylov <= 3 * n && 3 * wanted <= 2 * n
 }
 
@@ -122,6 +124,7 @@ struct Solver<'a> {
     order: &'a [u32],
     null: &'a Null,
     pool: &'a Pool,
+    columns: &'a Columns<'a>,
     k: usize,
     options: &'a Options,
     hooks: &'a dyn Hooks,
@@ -158,19 +161,26 @@ impl<'a> Solver<'a> {
     }
 
     fn attempt(&self, attempt: Attempt) -> Result<Eigenpairs, EigenError> {
+        let slicing = Slicing::new(self.problem.n(), self.wanted(), self.options);
         let spectrum = Spectrum {
             factorizer: self.factorizer,
             null: self.null,
             pool: self.pool,
+            columns: self.columns,
             n: self.problem.n(),
             wanted: self.wanted(),
+            slicing,
             options: self.options,
             hooks: self.hooks,
         };
-        // An attempt that failed has left it there.
-        let memory = self.pool.take_back().unwrap_or_else(|| vec![0.0; self.problem.n() * self.k]);
-        self.pool.lend(memory);
-        self.certified(union(&spectrum, attempt)?, Method::Lanczos, attempt.number + 1)
+        let scratch = if slicing.is_frugal { self.scratch()? } else { None };
+        self.certified(union(&spectrum, scratch.as_ref(), attempt)?, Method::Lanczos, attempt.number + 1)
+    }
+
+    /// A file for vectors that are not needed for a while, if the caller has one.
+    fn scratch(&self) -> Result<Option<Scratch>, EigenError> {
+        let file = self.hooks.scratch().map_err(|e| EigenError::scratch(&e))?;
+        Ok(file.map(Scratch::new))
     }
 
     /// The lowest pairs of a full decomposition, up to the first gap above the wanted ones.
@@ -192,14 +202,15 @@ impl<'a> Solver<'a> {
                 y = refine(self.problem, &factor, self.order, &y)?.ok_or(UNCERTIFIED)?;
             }
         }
-        let vectors = Vectors::with(self.pool, n, &values[..cut.position], |i, j| y[(self.order[i] as usize, j)])?;
-        Ok(Union { vectors, cut: cut.value, gap: cut.width, last: cut.position == available, doubtful: false })
+        values.truncate(cut.position);
+        let panels = Panels::filled(self.pool, n, values.len(), |i, j| y[(self.order[i] as usize, j)])?;
+        let vectors = Vectors::of_all(self.pool, panels, values)?;
+        Ok(Union { vectors, cut: cut.value, gap: cut.width, last: cut.position == available })
     }
 
     fn certified(&self, union: Union<'_>, method: Method, rounds: usize) -> Result<Eigenpairs, EigenError> {
-        let Union { vectors, cut, gap, last, doubtful } = union;
+        let Union { mut vectors, cut, gap, last } = union;
         let found = self.null.count + vectors.len();
-        let columns = Columns::new(self.problem, self.null, self.order, self.hooks);
         let expected = OnceLock::new();
         let count = || {
             expected.get_or_init(|| {
@@ -209,9 +220,11 @@ impl<'a> Solver<'a> {
                 expected
             });
         };
-        let (target, findings, orthogonality) = self.examined(&columns, vectors, doubtful, &count)?;
-        // Of no vectors there was nothing to examine.
-        count();
+        enter(self.hooks, Phase::Certify)?;
+        let orthogonality = self.columns.orthogonalise(&mut vectors, &count)?;
+        // All that were found: only the final values tell which are wanted.
+        let (vectors, findings) = self.columns.examine(vectors, self.wanted(), self.options.tolerance)?;
+        let orthogonality = orthogonality.max(findings.null);
         let expected = expected.into_inner().unwrap_or(Err(EigenError::Cancelled))?;
         let uncertified = EigenError::NotCertified { expected, found, residual: findings.residual };
         // Final values, not those that the cut was placed by: each pair then stands for an eigenvalue of its own below the cut.
@@ -224,38 +237,12 @@ impl<'a> Solver<'a> {
             cut: cut / self.problem.area,
             expected,
             found,
-            max_residual: findings.residual.max(columns.null_residual(findings.values.first().copied())),
+            max_residual: findings.residual.max(self.columns.null_residual(findings.values.first().copied())),
             max_orthogonality_error: orthogonality,
             rounds,
             gap_above: self.gap_above(&findings.values, cut, last),
         };
-        Ok(self.finish(target, &findings.values, certificate))
-    }
-
-    /// The vectors with room for the null space before them, what examining them found, and the largest entry of |Y' Y - I|. The count is made
-    /// meanwhile.
-    fn examined(
-        &self,
-        columns: &Columns<'_>,
-        mut vectors: Vectors<'_>,
-        doubtful: bool,
-        count: &(dyn Fn() + Sync),
-    ) -> Result<(Vec<f64>, Findings, f64), EigenError> {
-        enter(self.hooks, Phase::Certify)?;
-        columns.polish(&mut vectors, doubtful, self.options.tolerance, || {
-            enter(self.hooks, Phase::Factorise)?;
-            self.factorizer.factor(BELOW, self.hooks)
-        })?;
-        enter(self.hooks, Phase::Certify)?;
-        let orthogonality = columns.orthogonalise(&mut vectors)?;
-        // All that were found: only the final values tell which are wanted.
-        let (n, null) = (self.problem.n(), self.null.count.min(self.k));
-        let mut target = self.pool.take_back().unwrap_or_default();
-        target.resize(n * (null + vectors.len()), 0.0);
-        let room = &mut target[n * null..];
-        let findings = columns.examine(vectors, self.wanted(), self.options.tolerance, room, count)?;
-        let orthogonality = orthogonality.max(findings.null);
-        Ok((target, findings, orthogonality))
+        Ok(self.finish(vectors, &findings.values, certificate))
     }
 
     /// From the last pair asked for to the next, relative to that.

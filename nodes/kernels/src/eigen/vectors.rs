@@ -1,17 +1,22 @@
-//! Approximate eigenvectors of all slices, in elimination order, where the bases were: new pages are dear.
+//! Approximate eigenvectors of all slices, in elimination order, in the memory of the lowest one's basis, which becomes the result's: new pages are dear.
 
 use super::EigenError;
 use super::basis::Null;
-use super::panel::{Row, WIDTH, ZERO};
+use super::certify::guesses;
+use super::panel::{Row, Rows, WIDTH, ZERO};
 use super::pool::{Panel, Panels, Pool, RUN};
+use super::scratch::Kept;
 use super::tiles::subtract_products;
 use crate::simd::vectorised;
 use std::collections::BTreeMap;
+use std::ops::Range;
 
-/// Some of the columns of several stores, in the order in which they lie there, eight to a panel.
+/// Some of the columns of panels, in the order in which they lie there.
 pub(super) struct Vectors<'a> {
-    stores: Vec<Panels<'a>>,
-    /// Panel, counted through all stores, times eight and column there of each vector, ascending.
+    pool: &'a Pool,
+    /// The panels, in memory that begins with room for null vectors.
+    rows: Rows,
+    /// Panel times eight and column there of each vector, ascending.
     places: Vec<usize>,
     /// Approximate eigenvalues of all columns, panel by panel.
     values: Vec<Row>,
@@ -19,40 +24,43 @@ pub(super) struct Vectors<'a> {
 
 /// Columns of panels, their eigenvalues as far as they are known, and the numbers of those that count, ascending.
 pub(super) struct Store<'a> {
-    pub panels: Panels<'a>,
+    pub panels: Kept<'a>,
     pub values: Vec<f64>,
     pub columns: Vec<usize>,
 }
 
 impl<'a> Vectors<'a> {
-    pub fn new(stores: Vec<Store<'a>>) -> Result<Self, EigenError> {
+    /// Brings the vectors of slices together, behind those of the first.
+    pub fn new(pool: &'a Pool, stores: Vec<Store<'a>>) -> Result<Self, EigenError> {
         let (mut places, mut values) = (Vec::new(), Vec::new());
         for store in &stores {
             places.extend(store.columns.iter().map(|column| values.len() * WIDTH + column));
-            let value = |column: usize| store.values.get(column).copied().unwrap_or(0.0);
-            values.extend((0..store.panels.count()).map(|p| std::array::from_fn(|q| value(p * WIDTH + q))));
+            let chunk = |p: usize| store.values.get(p * WIDTH..).map_or([0.0; WIDTH], guesses);
+            values.extend((0..store.panels.count()).map(chunk));
         }
-        let stores = stores.into_iter().map(|store| store.panels.settle()).collect::<Result<_, _>>()?;
-        Ok(Self { stores, places, values })
+        let mut kept = stores.into_iter().map(|store| store.panels).peekable();
+        let first = kept.next_if(|first| matches!(first, Kept::Here(_)));
+        let (mut rows, mut begin) = match first {
+            Some(Kept::Here(panels)) => {
+                let count = panels.count();
+                (panels.into_piece(values.len())?, count)
+            }
+            _ => (pool.piece(values.len())?, 0),
+        };
+        for panels in kept {
+            let end = begin + panels.count();
+            panels.fetch(pool.split_mut(&mut rows).drain(begin..end).collect())?;
+            // Memory is short while they are in two places.
+            pool.clear();
+            begin = end;
+        }
+        Ok(Self { pool, rows, places, values })
     }
 
-    /// Columns with these eigenvalues, and these entries by row in elimination order.
-    pub fn with(
-        pool: &'a Pool,
-        n: usize,
-        values: &[f64],
-        entry: impl Fn(usize, usize) -> f64,
-    ) -> Result<Self, EigenError> {
-        let (mut panels, columns) = (Panels::new(pool), values.len());
-        for p in 0..columns.div_ceil(WIDTH) {
-            panels.grow()?;
-            let Some((_, panel)) = panels.split() else { continue };
-            for (i, row) in panel.as_flattened_mut().iter_mut().enumerate() {
-                let inside = |j: usize| i < n && j < columns;
-                *row = std::array::from_fn(|q| p * WIDTH + q).map(|j| if inside(j) { entry(i, j) } else { 0.0 });
-            }
-        }
-        Self::new(vec![Store { panels, values: values.to_vec(), columns: (0..columns).collect() }])
+    /// All columns of these panels, with their eigenvalues.
+    pub fn of_all(pool: &'a Pool, panels: Panels<'a>, values: Vec<f64>) -> Result<Self, EigenError> {
+        let columns = (0..values.len()).collect();
+        Self::new(pool, vec![Store { panels: Kept::Here(panels), values, columns }])
     }
 
     pub fn len(&self) -> usize {
@@ -64,23 +72,26 @@ impl<'a> Vectors<'a> {
         self.places.iter().map(|place| (place / WIDTH, place % WIDTH)).collect()
     }
 
-    /// The panels store by store, which takes them away.
-    pub fn into_stores(self) -> Vec<Panels<'a>> {
-        self.stores
-    }
-
     /// All panels, which may hold more columns than count.
     pub fn panels(&self) -> Vec<&Panel> {
-        self.stores.iter().flat_map(Panels::all).collect()
+        let mut panels = self.pool.split(&self.rows);
+        panels.truncate(self.values.len());
+        panels
     }
 
     fn panels_mut(&mut self) -> Vec<&mut Panel> {
-        self.stores.iter_mut().flat_map(Panels::all_mut).collect()
+        self.pool.split_mut(&mut self.rows)
     }
 
-    /// Which columns of a panel count.
-    pub fn counts(&self, panel: usize) -> [bool; WIDTH] {
-        std::array::from_fn(|q| self.places.binary_search(&(panel * WIDTH + q)).is_ok())
+    /// Where these vectors lie in the result, column after column, overwriting their panels and those before them.
+    pub fn columns_mut(&mut self, n: usize, vectors: Range<usize>) -> &mut [f64] {
+        let front = self.pool.front();
+        &mut self.rows.memory_mut()[front + n * vectors.start..front + n * vectors.end]
+    }
+
+    /// The result, and whatever is behind it.
+    pub fn into_memory(self) -> Vec<f64> {
+        self.rows.into_memory()
     }
 
     /// Approximate eigenvalues of all columns, panel by panel.
@@ -99,19 +110,6 @@ impl<'a> Vectors<'a> {
         // Downwards, so that what is subtracted is still as it was.
         let blocks: Vec<_> = blocks.into_iter().rev().map(|((to, from), block)| (to, from, block)).collect();
         subtract_products(&mut self.panels_mut(), &blocks);
-    }
-
-    /// Subtracts the rows of a correction, in elimination order, from the columns of a panel that count, whose eigenvalues are these.
-    pub fn correct(&mut self, panel: usize, correction: &[Row], values: &Row) {
-        let counts = self.counts(panel);
-        for (row, x) in self.panels_mut()[panel].as_flattened_mut().iter_mut().zip(correction) {
-            for q in 0..WIDTH {
-                if counts[q] {
-                    row[q] -= x[q];
-                }
-            }
-        }
-        self.values[panel] = *values;
     }
 }
 
