@@ -16,14 +16,16 @@
 //! something twice.
 
 use std::fmt;
-use std::fs;
+use std::fs::{self, File};
 use std::io::{self, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
+use salient_sdk::{FormatError, WriteError};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use tempfile::NamedTempFile;
 
 use super::key::Digest;
 use super::record::{Record, seal, unseal};
@@ -62,6 +64,21 @@ impl fmt::Display for CacheError {
 }
 
 impl std::error::Error for CacheError {}
+
+/// An artefact cannot be kept.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum PutError {
+    /// Its content has no bytes.
+    Format(FormatError),
+    /// The cache has no room for them.
+    Cache(CacheError),
+}
+
+impl From<CacheError> for PutError {
+    fn from(error: CacheError) -> Self {
+        Self::Cache(error)
+    }
+}
 
 /// An entry of the cache that was looked up.
 #[derive(Debug, PartialEq, Eq)]
@@ -119,12 +136,22 @@ impl Cache {
         self.root.join("objects").join(&name[..2]).join(format!("{name}.safetensors"))
     }
 
-    /// Keeps the bytes of an artefact. A file that is already there is replaced, so a damaged one
-    /// is healed.
-    pub fn put_object(&self, bytes: &[u8]) -> Result<Digest, CacheError> {
-        let digest = Digest::of(bytes);
-        self.write(&self.object_path(&digest), bytes)?;
-        Ok(digest)
+    /// Keeps an artefact, whose bytes `write` puts into an empty file. A file that is already there is replaced, so a damaged one is healed.
+    pub fn put_object<T>(
+        &self,
+        write: impl FnOnce(&mut File) -> Result<T, WriteError>,
+    ) -> Result<(Digest, T), PutError> {
+        let tmp = self.root.join("tmp");
+        let unwritable = |e: &io::Error| PutError::Cache(CacheError::new("write in", &tmp, e));
+        let mut file = temporary(&tmp).map_err(|e| unwritable(&e))?;
+        let written = write(file.as_file_mut()).map_err(|e| match e {
+            WriteError::Format(e) => PutError::Format(e),
+            WriteError::Io(e) => unwritable(&e),
+        })?;
+        let digest = Digest::of_file(file.as_file_mut()).map_err(|e| unwritable(&e))?;
+        let path = self.object_path(&digest);
+        persist(file, &path).map_err(|e| CacheError::new("write", &path, &e))?;
+        Ok((digest, written))
     }
 
     /// The bytes of an artefact, checked against its digest.
@@ -240,7 +267,7 @@ impl Cache {
     }
 
     /// A file without a name, gone once it is closed, however its process ends.
-    pub(super) fn scratch(&self) -> io::Result<fs::File> {
+    pub(super) fn scratch(&self) -> io::Result<File> {
         tempfile::tempfile_in(self.root.join("tmp")).map_err(|e| unwrap_path(&e))
     }
 
@@ -258,12 +285,20 @@ impl Cache {
 /// Writes a file by way of a temporary in `tmp`, which must be on the same file system, so that
 /// nobody ever sees a part of it.
 pub fn write_atomic(path: &Path, tmp: &Path, bytes: &[u8]) -> io::Result<()> {
-    // Readable by all that the umask allows: caches are shared between users.
-    let mut file = tempfile::Builder::new()
-        .permissions(fs::Permissions::from_mode(0o666))
-        .tempfile_in(tmp)
-        .map_err(|e| unwrap_path(&e))?;
+    let mut file = temporary(tmp)?;
     file.write_all(bytes)?;
+    persist(file, path)
+}
+
+/// An empty file that is gone unless it is persisted.
+fn temporary(tmp: &Path) -> io::Result<NamedTempFile> {
+    // Readable by all that the umask allows: caches are shared between users.
+    let builder = &mut tempfile::Builder::new();
+    builder.permissions(fs::Permissions::from_mode(0o666)).tempfile_in(tmp).map_err(|e| unwrap_path(&e))
+}
+
+/// Gives it its name, in a folder that is made if needed.
+fn persist(mut file: NamedTempFile, path: &Path) -> io::Result<()> {
     let parent = path.parent().unwrap_or(Path::new("."));
     let mut left = 3;
     loop {
@@ -348,7 +383,8 @@ mod tests {
     fn a_file_healed_by_another_process_is_not_removed() {
         let dir = tempfile::tempdir().unwrap();
         let cache = Cache::open(dir.path()).unwrap();
-        let digest = cache.put_object(b"whole").unwrap();
+        let write = |file: &mut File| Ok(file.write_all(b"whole")?);
+        let (digest, ()) = cache.put_object(write).unwrap();
         let path = cache.object_path(&digest);
         // As if it had been read as damaged just before it was healed.
         let healed = cache.discard(&path, |bytes| bytes == b"whole").unwrap();

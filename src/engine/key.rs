@@ -7,6 +7,8 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::fs::File;
+use std::io::{self, Seek, SeekFrom};
 use std::str::FromStr;
 
 use petgraph::Direction;
@@ -32,6 +34,14 @@ impl Digest {
     #[must_use]
     pub fn of(bytes: &[u8]) -> Self {
         Self(*blake3::hash(bytes).as_bytes())
+    }
+
+    /// The hash of all that a file holds.
+    pub fn of_file(file: &mut File) -> io::Result<Self> {
+        file.seek(SeekFrom::Start(0))?;
+        let mut hasher = blake3::Hasher::new();
+        hasher.update_reader(file)?;
+        Ok(Self::finish(&hasher))
     }
 
     /// Stands for the output of a call that failed; no output has it, as it is not the hash of one.

@@ -14,7 +14,7 @@ use petgraph::graph::NodeIndex;
 use salient_sdk::{AnyArtefact, Context, Host, ItemKey, NodeError, PortValues};
 use serde_json::{Map, Value};
 
-use super::cache::{Cache, CacheError, Entry};
+use super::cache::{Cache, CacheError, Entry, PutError};
 use super::event::Event;
 use super::held::Held;
 use super::key::{Digest, Ingredients, wires};
@@ -265,16 +265,23 @@ impl Shared<'_> {
         let unwritable = |e: salient_sdk::FormatError| {
             NodeError::new(format!("its output, a {}, cannot be written: {e}", output.name))
         };
-        let (bytes, changed) = artefact.to_bytes().map_err(unwritable)?;
+        let (digest, written) = self.cache.put_object(|file| artefact.write(file)).map_err(|e| match e {
+            PutError::Format(e) => Halt::from(unwritable(e)),
+            PutError::Cache(e) => e.into(),
+        })?;
         // Downstream must see what a later run will read.
-        let artefact = if changed { (output.decode)(&bytes).map_err(unwritable)? } else { artefact };
-        let digest = self.cache.put_object(&bytes)?;
+        let artefact = if written.changed {
+            let (bytes, _) = artefact.to_bytes().map_err(unwritable)?;
+            (output.decode)(&bytes).map_err(unwritable)?
+        } else {
+            artefact
+        };
         let reliable = !host.unreliable.load(Ordering::Acquire);
         let record = Record {
             ingredients,
             reads: unlock(host.reads).into_iter().collect(),
             digest,
-            bytes: bytes.len() as u64,
+            bytes: written.bytes,
             seconds: cost.seconds,
             working: cost.working,
             when: millis(SystemTime::now()),

@@ -1,11 +1,12 @@
 //! Typed outputs of nodes.
 
 use std::any::Any;
+use std::fs::File;
 use std::sync::Arc;
 
 use serde_json::Value;
 
-use crate::codec::{Decoder, Encoder, FormatError};
+use crate::codec::{Decoder, Encoder, FormatError, WriteError, Written};
 use crate::difference::{Difference, Surfaces, of_summaries};
 use crate::mesh::{Defect, Mesh};
 use crate::view::View;
@@ -24,7 +25,7 @@ pub trait Artefact: Send + Sync + Sized + 'static {
     /// Where it is in space. Known before anything is computed, so that a drawing can be refused in time.
     const PLACE: Place = Place::Nowhere;
 
-    /// Writes header and arrays.
+    /// Describes header and arrays: called twice, for their sizes and for their bytes.
     fn encode(&self, out: &mut Encoder);
 
     /// Reads what [`encode`](Self::encode) wrote; never panics on foreign bytes.
@@ -97,8 +98,10 @@ impl Table {
 pub trait AnyArtefact: Send + Sync {
     /// See [`Artefact::TYPE`].
     fn type_name(&self) -> &'static str;
-    /// Canonical bytes, and whether they differ from what is in memory (see [`Encoder`]).
+    /// Canonical bytes, and whether they differ from what is in memory (see [`Written::changed`]).
     fn to_bytes(&self) -> Result<(Vec<u8>, bool), FormatError>;
+    /// Writes the same bytes to an empty file, a piece at a time.
+    fn write(&self, file: &mut File) -> Result<Written, WriteError>;
     /// See [`Artefact::json`].
     fn json(&self) -> Value;
     /// See [`Artefact::summary`].
@@ -124,9 +127,10 @@ impl<T: Artefact> AnyArtefact for T {
         T::TYPE
     }
     fn to_bytes(&self) -> Result<(Vec<u8>, bool), FormatError> {
-        let mut out = Encoder::new(T::TYPE, T::FORMAT);
-        self.encode(&mut out);
-        out.finish()
+        Encoder::bytes(T::TYPE, T::FORMAT, |out| self.encode(out))
+    }
+    fn write(&self, file: &mut File) -> Result<Written, WriteError> {
+        Encoder::write(T::TYPE, T::FORMAT, |out| self.encode(out), file)
     }
     fn json(&self) -> Value {
         Artefact::json(self)

@@ -37,7 +37,7 @@ pub mod threads;
 pub mod view;
 
 pub use artefact::{AnyArtefact, Artefact, ArtefactType, Place, Table};
-pub use codec::{ArrayView, Decoder, Encoder, FormatError};
+pub use codec::{ArrayView, Decoder, Encoder, FormatError, WriteError, Written};
 pub use context::{Context, Host};
 pub use difference::{Common, Difference, Surfaces};
 pub use error::NodeError;

@@ -1,10 +1,14 @@
 //! The contracts that every node author relies on.
 
+use std::fs::File;
+use std::io::{Read, Seek};
 use std::sync::Arc;
 
+use safetensors::SafeTensors;
 use salient_sdk::testing::TestHost;
 use salient_sdk::{
     AnyArtefact, AnyNode, ArtefactType, Context, Decoder, FileParam, Inputs, Mesh, Node, NodeError, Port, PortValues,
+    WriteError, Written,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -144,6 +148,43 @@ fn the_header_is_one_key_so_that_equal_artefacts_are_equal_bytes() {
     let names: Vec<_> = from.arrays().into_iter().map(|a| (a.name, a.dtype, a.shape)).collect();
     assert_eq!(names[0], ("faces".to_owned(), "u32", vec![1, 3]));
     assert_eq!(names[1], ("vertices".to_owned(), "f64", vec![3, 3]));
+}
+
+/// More numbers than are converted at a time, and more arrays than one of each type.
+fn strip() -> Mesh {
+    let vertices: Vec<_> = (0..40_000).map(|i| [f64::from(i), f64::from(i % 2), 0.5]).collect();
+    let faces = (2..40_000).map(|i| [i - 2, i - 1, i]).collect();
+    Mesh { reference: Some(vertices.clone()), source: Some((0..40_000).collect()), vertices, faces, ..Mesh::default() }
+}
+
+#[test]
+fn a_file_holds_the_bytes_that_the_library_writes() {
+    let mesh = strip();
+    let (bytes, _) = AnyArtefact::to_bytes(&mesh).unwrap();
+    let mut file = tempfile::tempfile().unwrap();
+    let written = mesh.write(&mut file).unwrap();
+    assert_eq!(written, Written { bytes: bytes.len() as u64, changed: false });
+    let mut found = Vec::new();
+    file.rewind().unwrap();
+    file.read_to_end(&mut found).unwrap();
+    assert!(found == bytes);
+    let (_, metadata) = SafeTensors::read_metadata(&bytes).unwrap();
+    let tensors = SafeTensors::deserialize(&bytes).unwrap();
+    assert_eq!(tensors.len(), 4);
+    let again = safetensors::serialize(tensors.tensors(), metadata.metadata().clone()).unwrap();
+    assert!(again == bytes);
+}
+
+#[test]
+#[expect(clippy::disallowed_methods, reason = "a host, not a node")]
+fn a_file_that_cannot_be_written_is_told_from_content_that_cannot() {
+    let named = tempfile::NamedTempFile::new().unwrap();
+    let mut sealed = File::open(named.path()).unwrap();
+    assert!(matches!(strip().write(&mut sealed), Err(WriteError::Io(_))));
+    let mesh = Mesh { vertices: vec![[f64::NAN; 3]; 3], ..triangle() };
+    let mut file = tempfile::tempfile().unwrap();
+    assert!(matches!(mesh.write(&mut file), Err(WriteError::Format(_))));
+    assert_eq!(file.metadata().unwrap().len(), 0);
 }
 
 #[test]

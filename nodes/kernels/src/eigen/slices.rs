@@ -84,21 +84,17 @@ pub(super) fn union<'a>(
         Ok((kept, window))
     };
     // The uppermost slice first: its factorisation is at hand.
-    let found: Vec<_> = if spectrum.slicing.is_frugal {
-        (0..count).rev().map(run).collect()
+    let mut found: Vec<_> = if spectrum.slicing.is_frugal {
+        (0..count).rev().map(run).collect::<Result<_, _>>()?
     } else {
-        collect(spectrum.hooks, count, &|task| run(count - 1 - task))?
+        collect(spectrum.hooks, count, &|task| run(count - 1 - task))?.into_iter().collect::<Result<_, _>>()?
     };
-    release(spectrum);
-    join(spectrum, found.into_iter().rev().collect::<Result<_, _>>()?)
-}
-
-/// Gives all memory that is kept for use again back to the allocator.
-fn release(spectrum: &Spectrum<'_>) {
+    found.reverse();
     spectrum.pool.clear();
     if spectrum.slicing.is_frugal {
         spectrum.factorizer.release();
     }
+    join(spectrum, found)
 }
 
 /// Windows by Weyl's law as the count at the uppermost shift corrects it, and a shift in each.
@@ -124,9 +120,10 @@ fn plan(spectrum: &Spectrum<'_>, attempt: Attempt) -> Result<Vec<Slice>, EigenEr
     // The uppermost window of several reaches as far below its shift as above it; the others share the rest.
     let edge = (2.0 * below - wanted).clamp(0.0, below);
     let value = |number: f64| top * number / below.max(1.0);
+    let pair = edge / (wanted - share).max(1.0);
     let mut end = 0.0;
     let slices = (0..count).map(|i| {
-        let (begin, width) = (end, edge * slicing.pairs(i) / (wanted - share));
+        let (begin, width) = (end, pair * slicing.pairs(i));
         end += width;
         let middle = if i == 0 { LOWEST } else { 0.5 };
         let (shift, pairs) =

@@ -143,7 +143,9 @@ impl<'a> Solver<'a> {
         let mut attempt = Attempt { number: 0, restarts: 0 };
         loop {
             let error = match self.attempt(attempt) {
-                Err(error @ (EigenError::Cancelled | EigenError::Memory)) => return Err(error),
+                Err(error @ (EigenError::Cancelled | EigenError::Memory | EigenError::Scratch { .. })) => {
+                    return Err(error);
+                }
                 Err(EigenError::Exhausted) => return self.certified(self.dense()?, Method::Dense, 0),
                 Err(error) => error,
                 Ok(found) => return Ok(found),
