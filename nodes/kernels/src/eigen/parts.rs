@@ -140,7 +140,7 @@ mod tests {
 
     #[test]
     fn sums_are_added_in_order_and_every_run_is_in_one_part() {
-        for (runs, cost, expected) in [(1, 1, 1), (14, 10, 2), (20, 10, 3), (340, 10, 4)] {
+        for (runs, cost, expected) in [(1, 1, 1), (7, 10, 2), (10, 10, 3), (340, 10, 4)] {
             let mut panel = vec![[[0.0; WIDTH]; RUN]; runs];
             let pass = Pass::new(&Backwards, runs, cost);
             let join = |all: &mut Vec<usize>, more: &Vec<usize>| all.extend(more);

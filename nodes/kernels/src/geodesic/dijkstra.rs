@@ -5,7 +5,7 @@
 //! bit, since either way a distance is the least of the rounded lengths of all paths, and rounded sums never fall as paths grow.
 
 use super::graph::Graph;
-use super::queue::{Front, Queue, TOGETHER, Waiting};
+use super::queue::{Front, Queue, Waiting};
 
 /// The vertices about a source, by whatever metric. Their order is the same whenever the same is asked; it has no meaning.
 #[derive(Debug, Clone, Copy)]
@@ -72,6 +72,7 @@ impl Dijkstra {
             for &entry in self.settled.iter().filter(|e| e.1 + graph.longest > radius) {
                 relax(&mut self.front, graph, &mut self.distance, f64::INFINITY, entry);
             }
+            self.front.push_noted();
             let (mut count, wanted) = (0, &mut self.wanted);
             self.front.for_each(|vertex| count += usize::from(!std::mem::replace(&mut wanted[vertex as usize], true)));
             self.find_wanted(graph, count);
@@ -152,18 +153,18 @@ fn seed(front: &mut Front, distance: &mut [f64], sources: &[u32]) {
     }
 }
 
-/// Makes the neighbours of a vertex at a known distance nearer where the way over it is shorter, and shorter than `limit`.
+/// Makes the neighbours of a vertex at a known distance nearer where the way over it is shorter, and shorter than `limit`; the front notes them.
 #[inline(always)]
 fn relax(front: &mut Front, graph: &Graph, distance: &mut [f64], limit: f64, (vertex, known): Waiting) {
-    for links in graph.links(vertex).chunks(TOGETHER) {
-        front.offer(links.iter().map(|link| {
-            let (through, old) = (known + link.length(), &mut distance[link.vertex as usize]);
-            // Lengths may overflow: what is infinitely far stays unreached.
-            let better = through < if limit < *old { limit } else { *old };
-            *old = if better { through } else { *old };
-            (through, link.vertex, better)
-        }));
-    }
+    let links = graph.links(vertex);
+    let nearer = links.iter().map(|link| {
+        let (through, old) = (known + link.length(), &mut distance[link.vertex as usize]);
+        // Lengths may overflow: what is infinitely far stays unreached.
+        let better = through < if limit < *old { limit } else { *old };
+        *old = if better { through } else { *old };
+        (through, link.vertex, better)
+    });
+    front.note(links.len(), nearer);
 }
 
 fn forget(distance: &mut [f64], visited: &[Waiting]) {
@@ -197,6 +198,7 @@ fn settle<const LIST: bool>(
         for &entry in &round {
             relax(front, graph, distance, limit, entry);
         }
+        front.push_noted();
     }
     front.spare = round;
     if LIST {
@@ -231,6 +233,7 @@ fn settle_in_order<const LIST: bool>(
                 settled.push((vertex, known));
             }
             relax(front, graph, distance, limit, (vertex, known));
+            front.push_noted();
         }
         front.take(distance, round);
         for &(vertex, distance) in round.iter() {

@@ -45,17 +45,18 @@ pub(super) struct Front {
     density: f64,
     /// What [`Front::take`] writes into: its memory.
     pub(super) spare: Vec<Waiting>,
+    /// Vertices that are going to wait: so many, and room behind them.
+    noted: Vec<Waiting>,
+    count: usize,
 }
 
-/// Vertices that may be offered together.
-pub(super) const TOGETHER: usize = 8;
 /// From one bucket to the next in memory there are so many slots more than a power of two, or all would begin in the same sets of the cache.
 const SKEW: usize = 4;
 
 impl Default for Front {
     fn default() -> Self {
-        let (slots, spare) = (Vec::new(), Vec::new());
-        Self { slots, room: 0, lengths: [0; BUCKETS], occupied: 0, at: 0, density: 0.0, spare }
+        let [slots, spare, noted] = [Vec::new(), Vec::new(), Vec::new()];
+        Self { slots, room: 0, lengths: [0; BUCKETS], occupied: 0, at: 0, density: 0.0, spare, noted, count: 0 }
     }
 }
 
@@ -89,29 +90,40 @@ impl Front {
     }
 
     /// Adds a vertex. The distance must be finite and not negative.
-    pub(super) fn push(&mut self, distance: f64, vertex: u32) {
-        self.offer(std::iter::once((distance, vertex, true)));
-    }
-
-    /// Adds those of at most [`TOGETHER`] vertices, after their distances, that are marked. All are written down, and the mark moves the end:
-    /// half of the branches would be guessed wrong.
     #[inline(always)]
-    pub(super) fn offer(&mut self, vertices: impl Iterator<Item = (f64, u32, bool)>) {
-        let (density, stride, most) = (self.density, self.room + SKEW, self.room - TOGETHER);
-        let (slots, lengths) = (self.slots.as_mut_slice(), &mut self.lengths);
-        let (mut occupied, mut full) = (self.occupied, false);
-        for (distance, vertex, wanted) in vertices {
-            let bucket = bucket(distance, density);
-            let length = &mut lengths[bucket];
-            slots[bucket * stride + *length] = (vertex, distance);
-            *length += usize::from(wanted);
-            occupied |= u64::from(wanted) << bucket;
-            full |= *length > most;
-        }
-        self.occupied = occupied;
-        if full {
+    pub(super) fn push(&mut self, distance: f64, vertex: u32) {
+        let bucket = bucket(distance, self.density);
+        if self.lengths[bucket] == self.room {
             self.grow();
         }
+        self.slots[bucket * (self.room + SKEW) + self.lengths[bucket]] = (vertex, distance);
+        self.lengths[bucket] += 1;
+        self.occupied |= 1 << bucket;
+    }
+
+    /// Notes those of so many vertices, after their distances, that are marked, for [`Front::push_noted`]. All are written down, and the mark moves the end:
+    /// half of the branches would be guessed wrong.
+    #[inline(always)]
+    pub(super) fn note(&mut self, count: usize, vertices: impl Iterator<Item = (f64, u32, bool)>) {
+        if self.noted.len() < self.count + count {
+            self.noted.resize(2 * (self.count + count), (0, 0.0));
+        }
+        let (noted, mut end) = (self.noted.as_mut_slice(), self.count);
+        for (distance, vertex, wanted) in vertices {
+            noted[end] = (vertex, distance);
+            end += usize::from(wanted);
+        }
+        self.count = end;
+    }
+
+    /// Adds what was noted: few of those that are looked at, so that buckets are found for few.
+    #[inline(always)]
+    pub(super) fn push_noted(&mut self) {
+        let noted = std::mem::take(&mut self.noted);
+        for &(vertex, distance) in &noted[..self.count] {
+            self.push(distance, vertex);
+        }
+        (self.noted, self.count) = (noted, 0);
     }
 
     /// Moves on to the next bucket with vertices; false if there is none.
