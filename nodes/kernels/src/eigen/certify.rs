@@ -1,8 +1,8 @@
 //! Whether pairs may be returned: residuals, orthogonality, and the sort that their final values give.
 
 use super::basis::Null;
+use super::factor::{BELOW, Factorizer};
 use super::gauge::is_turned;
-use super::packed::Packed;
 use super::panel::{Row, Rows, WIDTH};
 use super::parts::{collect, locked};
 use super::pool::Panel;
@@ -128,7 +128,7 @@ impl<'a> Columns<'a> {
     }
 
     /// One step of correction, y - F^-1 (A y - lambda y), for the lowest vectors, eight at a time, until the next eight need none, or for all that need it: bounds are relative to the
-    /// values, rounding errors of an indefinite factorisation are not. The factor, of A plus some multiple of I, grows none; what is high above a
+    /// values, rounding errors of an indefinite factorisation are not. The factor, of A less a shift below the spectrum, grows none; what is high above a
     /// pair vanishes under it, and most of the errors are. The values, one for each column that counts, become better too.
     pub fn polish(
         &self,
@@ -136,7 +136,7 @@ impl<'a> Columns<'a> {
         values: &mut [f64],
         all: bool,
         tolerance: f64,
-        factor: impl Fn() -> Result<Packed, EigenError>,
+        factorizer: &Factorizer,
     ) -> Result<(), EigenError> {
         let mut at_hand = None;
         for (panel, values) in panels.into_iter().zip(values.chunks_mut(WIDTH)) {
@@ -152,7 +152,10 @@ impl<'a> Columns<'a> {
             }
             let factor = match &mut at_hand {
                 Some(factor) => factor,
-                none => none.insert(factor()?),
+                none => {
+                    enter(self.hooks, Phase::Factorise)?;
+                    none.insert(factorizer.factor(BELOW, self.hooks)?)
+                }
             };
             enter(self.hooks, Phase::Certify)?;
             let mut correction = self.problem.residual_rows(&quality.values, v, self.order);
@@ -168,10 +171,11 @@ impl<'a> Columns<'a> {
 
     /// The largest entry of |Y' Y - I| after removing what neighbouring slices left. What is to be done `aside` is done once, as a task like the parts of Y' Y.
     pub fn orthogonalise(&self, vectors: &mut Vectors<'_>, aside: &(dyn Fn() + Sync)) -> Result<f64, EigenError> {
-        let (mut worst, mut aside) = (f64::INFINITY, Some(aside));
+        let (mut worst, mut aside) = (f64::INFINITY, aside);
         for _ in 0..3 {
             let panels = vectors.panels();
-            let products = Products::of(&self.gram(&panels, aside.take())?, vectors);
+            let products = Products::of(&self.gram(&panels, aside)?, vectors);
+            aside = &|| ();
             worst = products.kept + products.second;
             if !products.steps.is_empty() {
                 vectors.subtract_multiples(&products.steps);
@@ -183,17 +187,15 @@ impl<'a> Columns<'a> {
         Ok(worst)
     }
 
-    /// Y' Y of all columns.
-    fn gram(&self, panels: &[&Panel], aside: Option<&(dyn Fn() + Sync)>) -> Result<Triangle, EigenError> {
+    /// Y' Y of all columns, and what is to be done aside.
+    fn gram(&self, panels: &[&Panel], aside: &(dyn Fn() + Sync)) -> Result<Triangle, EigenError> {
         let runs = panels.first().map_or(0, |panel| panel.len());
         let share = runs.div_ceil(GRAM_PARTS).max(1);
-        let before = usize::from(aside.is_some());
-        let parts = self.map(before + runs.div_ceil(share), &|task| {
+        let parts = self.map(1 + runs.div_ceil(share), &|task| {
             let mut sum = Triangle::zeros(panels.len());
-            match (task.checked_sub(before), aside) {
-                (Some(p), _) => sum.add_gram(panels, p * share..runs.min((p + 1) * share)),
-                (None, Some(aside)) => aside(),
-                (None, None) => {}
+            match task.checked_sub(1) {
+                Some(p) => sum.add_gram(panels, p * share..runs.min((p + 1) * share)),
+                None => aside(),
             }
             sum
         })?;
@@ -328,7 +330,6 @@ pub(super) const UNCERTIFIED: EigenError = EigenError::NotCertified { expected: 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::eigen::factor::Factorizer;
     use crate::eigen::pool::{Panels, Pool};
     use crate::eigen::{Options, eigenpairs};
     use crate::laplacian::{Area, laplacian};
@@ -377,7 +378,7 @@ mod tests {
             let panels = Panels::filled(&pool, n, 30, entry).expect("small");
             let mut vectors = Vectors::of_all(&pool, panels, vec![1.0; 30]).expect("small");
             let gram = |vectors: &Vectors<'_>| {
-                let gram = columns.gram(&vectors.panels(), None).expect("not cancelled");
+                let gram = columns.gram(&vectors.panels(), &|| ()).expect("not cancelled");
                 let error = |i: usize, j: usize| (gram.row(i.max(j))(i.min(j)) - f64::from(u8::from(i == j))).abs();
                 (0..30).flat_map(|i| (0..30).map(move |j| (i, j))).map(|(i, j)| error(i, j)).fold(0.0, f64::max)
             };
@@ -412,8 +413,8 @@ mod tests {
             Panels::filled(&pool, n, 24, entry).expect("small")
         };
         let polished = |from: usize, all: bool| {
-            let (mut panels, mut values, factor) = (noisy(from), guesses.clone(), || factorizer.factor(-12.0, &()));
-            columns.polish(panels.all_mut(), &mut values, all, 1e-8, factor).expect("not cancelled");
+            let (mut panels, mut values) = (noisy(from), guesses.clone());
+            columns.polish(panels.all_mut(), &mut values, all, 1e-8, &factorizer).expect("not cancelled");
             panels
         };
         let residual = |panels: Panels<'_>| {

@@ -1,7 +1,8 @@
 //! Vectors of slices that are done, in memory or, while there is not enough of it for those and a basis too, in a file.
 
 use super::EigenError;
-use super::pool::{Panel, Panels};
+use super::panel::Rows;
+use super::pool::{Panel, Panels, Pool};
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -58,6 +59,16 @@ impl Kept<'_> {
             Self::Here(panels) => panels.count(),
             Self::Away { count, .. } => *count,
         }
+    }
+
+    /// All panels, the first of a piece with room for so many: where they are, if there is that much.
+    pub fn into_piece(self, pool: &Pool, room: usize) -> Result<Rows, EigenError> {
+        if let Self::Here(panels) = self {
+            return panels.into_piece(room);
+        }
+        let (count, mut piece) = (self.count(), pool.piece(room)?);
+        self.fetch(pool.split_mut(&mut piece).into_iter().take(count).collect())?;
+        Ok(piece)
     }
 
     /// Copies the panels to these, of which there are as many.

@@ -2,7 +2,7 @@
 
 use super::basis::Null;
 use super::certify::Columns;
-use super::factor::{BELOW, Factorizer};
+use super::factor::Factorizer;
 use super::lanczos::{Found, Run, Window, lanczos};
 use super::packed::Packed;
 use super::parts::{collect, locked};
@@ -181,10 +181,8 @@ fn run_slice<'a>(
     if i == 0 || window.is_doubtful {
         enter(spectrum.hooks, Phase::Certify)?;
         let (values, all) = (&mut window.values, window.is_doubtful);
-        spectrum.columns.polish(vectors.all_mut(), values, all, spectrum.options.tolerance, || {
-            enter(spectrum.hooks, Phase::Factorise)?;
-            spectrum.factorizer.factor(BELOW, spectrum.hooks)
-        })?;
+        let (tolerance, factorizer) = (spectrum.options.tolerance, spectrum.factorizer);
+        spectrum.columns.polish(vectors.all_mut(), values, all, tolerance, factorizer)?;
     }
     Ok(Found { vectors, window })
 }

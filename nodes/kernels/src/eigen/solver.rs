@@ -42,7 +42,7 @@ pub(crate) fn solve(
     let pool = Pool::new(n, k - wanted);
     let prepare = || {
         // Several slices have work for other threads while they touch their memory.
-        if !is_sparse(n, wanted, options) || slicing.count() > 1 {
+        if !is_sparse(n, wanted, slicing, options) || slicing.count() > 1 {
             return Ok(());
         }
         pool.prepare(slicing.place(0), 1 + expected_blocks(wanted, true), || !hooks.cancelled())
@@ -59,6 +59,7 @@ pub(crate) fn solve(
         null: &null,
         pool: &pool,
         columns: &Columns::new(problem, &null, &order, hooks),
+        slicing,
         k,
         options,
         hooks,
@@ -113,8 +114,8 @@ fn check(problem: &Problem<'_>, k: usize, options: &Options) -> Result<(), Eigen
 
 /// Whether Lanczos is to be tried: not where Krylov spaces are most of the whole one, or pairs most of all. Measured at 1,093 vertices: 700 pairs take 0.14 s
 /// by Lanczos and 0.49 densely; of 900, Lanczos needs several attempts.
-fn is_sparse(n: usize, wanted: usize, options: &Options) -> bool {
-    let krylov = WIDTH * Slicing::new(n, wanted, options).blocks(0);
+fn is_sparse(n: usize, wanted: usize, slicing: Slicing, options: &Options) -> bool {
+    let krylov = WIDTH * slicing.blocks(0);
     n > options.dense_limit && 4 * krylov <= 3 * n && 3 * wanted <= 2 * n
 }
 
@@ -125,6 +126,7 @@ struct Solver<'a> {
     null: &'a Null,
     pool: &'a Pool,
     columns: &'a Columns<'a>,
+    slicing: Slicing,
     k: usize,
     options: &'a Options,
     hooks: &'a dyn Hooks,
@@ -137,7 +139,7 @@ impl<'a> Solver<'a> {
     }
 
     fn attempts(&self) -> Result<Eigenpairs, EigenError> {
-        if !is_sparse(self.problem.n(), self.wanted(), self.options) {
+        if !is_sparse(self.problem.n(), self.wanted(), self.slicing, self.options) {
             return self.certified(self.dense()?, Method::Dense, 0);
         }
         let mut attempt = Attempt { number: 0, restarts: 0 };
@@ -163,7 +165,6 @@ impl<'a> Solver<'a> {
     }
 
     fn attempt(&self, attempt: Attempt) -> Result<Eigenpairs, EigenError> {
-        let slicing = Slicing::new(self.problem.n(), self.wanted(), self.options);
         let spectrum = Spectrum {
             factorizer: self.factorizer,
             null: self.null,
@@ -171,11 +172,11 @@ impl<'a> Solver<'a> {
             columns: self.columns,
             n: self.problem.n(),
             wanted: self.wanted(),
-            slicing,
+            slicing: self.slicing,
             options: self.options,
             hooks: self.hooks,
         };
-        let scratch = if slicing.is_frugal { self.scratch()? } else { None };
+        let scratch = if self.slicing.is_frugal { self.scratch()? } else { None };
         self.certified(union(&spectrum, scratch.as_ref(), attempt)?, Method::Lanczos, attempt.number + 1)
     }
 
@@ -205,7 +206,8 @@ impl<'a> Solver<'a> {
             }
         }
         values.truncate(cut.position);
-        let panels = Panels::filled(self.pool, n, values.len(), |i, j| y[(self.order[i] as usize, j)])?;
+        let mut panels = Panels::filled(self.pool, n, values.len(), |i, j| y[(self.order[i] as usize, j)])?;
+        self.columns.polish(panels.all_mut(), &mut values, false, self.options.tolerance, self.factorizer)?;
         let vectors = Vectors::of_all(self.pool, panels, values)?;
         Ok(Union { vectors, cut: cut.value, gap: cut.width, last: cut.position == available })
     }

@@ -2,7 +2,7 @@
 
 use super::EigenError;
 use super::basis::Null;
-use super::certify::guesses;
+use super::certify::{UNCERTIFIED, guesses};
 use super::panel::{Row, Rows, WIDTH, ZERO};
 use super::pool::{Panel, Panels, Pool, RUN};
 use super::scratch::Kept;
@@ -38,15 +38,10 @@ impl<'a> Vectors<'a> {
             let chunk = |p: usize| store.values.get(p * WIDTH..).map_or([0.0; WIDTH], guesses);
             values.extend((0..store.panels.count()).map(chunk));
         }
-        let mut kept = stores.into_iter().map(|store| store.panels).peekable();
-        let first = kept.next_if(|first| matches!(first, Kept::Here(_)));
-        let (mut rows, mut begin) = match first {
-            Some(Kept::Here(panels)) => {
-                let count = panels.count();
-                (panels.into_piece(values.len())?, count)
-            }
-            _ => (pool.piece(values.len())?, 0),
-        };
+        let mut kept = stores.into_iter().map(|store| store.panels);
+        let Some(first) = kept.next() else { return Err(UNCERTIFIED) };
+        let mut begin = first.count();
+        let mut rows = first.into_piece(pool, values.len())?;
         for panels in kept {
             let end = begin + panels.count();
             panels.fetch(pool.split_mut(&mut rows).drain(begin..end).collect())?;
