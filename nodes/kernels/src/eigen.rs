@@ -37,7 +37,6 @@ mod vectors;
 
 use crate::freed;
 use crate::laplacian::Operator;
-use problem::Problem;
 use solver::solve;
 use std::fmt;
 use std::fs::File;
@@ -285,11 +284,6 @@ pub fn eigenpairs(
     options: &Options,
     hooks: &dyn Hooks,
 ) -> Result<Eigenpairs, EigenError> {
-    let n = operator.stiffness.n();
-    if operator.mass.len() != n {
-        return Err(EigenError::MassLength { rows: n, masses: operator.mass.len() });
-    }
     freed::keep();
-    let problem = Problem::new(&operator.stiffness, &operator.mass)?;
-    solve(&problem, k, options, hooks)
+    solve(operator, k, options, hooks)
 }

@@ -112,7 +112,7 @@ impl<'a> Columns<'a> {
 
     /// A panel of R^-1 y by vertex, in memory whose rows are aligned to cache lines.
     fn by_vertex(&self, panel: &Panel) -> Result<(Rows, Moments), EigenError> {
-        let fresh = || Rows::zeroed(self.order.len()).map_err(|_| EigenError::Memory);
+        let fresh = || Rows::zeroed(self.order.len());
         let mut memory = self.spare.take().map_or_else(fresh, Ok)?;
         let moments = by_vertex(panel, self.order, &self.scale, self.null, memory.as_mut_slice());
         Ok((memory, moments))
@@ -363,7 +363,7 @@ mod tests {
         let operator = laplacian(&vertices, &faces, Area::Mixed, false).expect("a plane mesh");
         let exact = eigenpairs(&operator, 31, &Options::default(), &()).expect("certified");
         let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
-        let factorizer = Factorizer::new(&problem).expect("small");
+        let factorizer = Factorizer::of(&problem);
         let (order, n) = (factorizer.order(), vertices.len());
         let (null, pool) = (problem.null(&order), Pool::new(n, 1));
         let columns = Columns::new(&problem, &null, &order, &());
@@ -395,7 +395,7 @@ mod tests {
         let operator = laplacian(&vertices, &faces, Area::Mixed, false).expect("a plane mesh");
         let exact = eigenpairs(&operator, 25, &Options::default(), &()).expect("certified");
         let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
-        let factorizer = Factorizer::new(&problem).expect("small");
+        let factorizer = Factorizer::of(&problem);
         let (order, n) = (factorizer.order(), vertices.len());
         let (null, pool) = (problem.null(&order), Pool::new(n, 1));
         let columns = Columns::new(&problem, &null, &order, &());

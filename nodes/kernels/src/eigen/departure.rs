@@ -5,14 +5,21 @@
 //! those of the projection of B up to rounding, and eigenvectors of T + N, to first order in N, give Ritz vectors that are as orthogonal, and
 //! as accurate, as if every step had been orthogonalised in full.
 
-use super::dense;
 use super::panel::{Block, WIDTH, ZERO, add, product, subtract, transposed};
+use super::parts::{each, locked};
+use super::{EigenError, Hooks, dense};
 use crate::simd::vectorised;
 use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatRef, Par};
+use faer::prelude::{Reborrow, ReborrowMut};
+use faer::{Accum, Mat, MatMut, MatRef, Par, Scale};
+use std::ops::AddAssign;
+use std::sync::Mutex;
 
 /// Mixing of two eigenvectors by more than this is not of first order. Their eigenvalues are then equal up to rounding, and any mixture is as good.
 const SMALL: f64 = 1e-4;
+
+/// Eigenvectors that are worth a thread.
+const PART: usize = 32;
 
 /// The recurrence as far as it goes: T, symmetric, in blocks.
 #[derive(Default)]
@@ -103,52 +110,83 @@ impl Departure {
 
     /// Eigenvectors number `chosen` of T + N, to first order in N, from the eigenpairs of T that are nearest to the shift. Below and beside them there is room
     /// for a block of rows and for whole blocks of columns: zeros.
-    pub fn correct(&self, values: &[f64], vectors: MatRef<'_, f64>, chosen: &[usize]) -> Mat<f64> {
+    pub fn correct(
+        &self,
+        values: &[f64],
+        vectors: MatRef<'_, f64>,
+        chosen: &[usize],
+        hooks: &dyn Hooks,
+    ) -> Result<Mat<f64>, EigenError> {
         let m = vectors.nrows();
         let mut room = Mat::zeros(m + WIDTH, chosen.len().next_multiple_of(WIDTH));
         for (j, &column) in chosen.iter().enumerate() {
             room.col_mut(j).subrows_mut(0, m).copy_from(vectors.col(column));
         }
         if self.columns.is_empty() {
-            return room;
+            return Ok(room);
         }
-        let (mut left, mut right) = (
-            Mat::<f64>::zeros(m, self.columns.len() * WIDTH),
-            Mat::<f64>::zeros(self.columns.len() * WIDTH, chosen.len()),
-        );
-        for (c, (column, blocks)) in self.columns.iter().enumerate() {
+        let blocks = self.blocks(m);
+        let (mut parts, mut rest) = (Vec::new(), room.submatrix_mut(0, 0, m, chosen.len()));
+        for chosen in chosen.chunks(PART) {
+            let (own, others) = rest.split_at_col_mut(chosen.len());
+            parts.push(Mutex::new(Part { departure: self, blocks: blocks.as_ref(), values, vectors, chosen, own }));
+            rest = others;
+        }
+        each(hooks, parts.len(), &|i| locked(&parts[i]).correct())?;
+        drop(parts);
+        Ok(room)
+    }
+
+    /// The columns of N that are not zero.
+    fn blocks(&self, m: usize) -> Mat<f64> {
+        let mut matrix = Mat::<f64>::zeros(m, self.columns.len() * WIDTH);
+        for (c, (_, blocks)) in self.columns.iter().enumerate() {
             for p in 0..WIDTH {
-                let rows = left.col_as_slice_mut(c * WIDTH + p).as_chunks_mut::<WIDTH>().0;
+                let rows = matrix.col_as_slice_mut(c * WIDTH + p).as_chunks_mut::<WIDTH>().0;
                 rows.iter_mut().zip(blocks).for_each(|(row, block)| *row = block.map(|row| row[p]));
             }
-            for j in 0..chosen.len() {
-                let own = &room.col_as_slice(j)[column * WIDTH..][..WIDTH];
-                right.col_as_slice_mut(j)[c * WIDTH..][..WIDTH].copy_from_slice(own);
-            }
+        }
+        matrix
+    }
+}
+
+/// Some of the eigenvectors that are to be corrected.
+struct Part<'a> {
+    departure: &'a Departure,
+    blocks: MatRef<'a, f64>,
+    values: &'a [f64],
+    vectors: MatRef<'a, f64>,
+    chosen: &'a [usize],
+    /// Them, as they are before that.
+    own: MatMut<'a, f64>,
+}
+
+impl Part<'_> {
+    fn correct(&mut self) {
+        let Self { departure, blocks, values, vectors, chosen, own } = self;
+        let mut own = own.as_mut();
+        let mut along = Mat::<f64>::zeros(blocks.ncols(), chosen.len());
+        for (c, (column, _)) in departure.columns.iter().enumerate() {
+            along.subrows_mut(c * WIDTH, WIDTH).copy_from(own.rb().subrows(column * WIDTH, WIDTH));
         }
         // N s, and its products with the vectors at hand. Beyond these eigenvalues are small: there (theta - T)^-1 is about 1 / theta.
-        let departed = dense::product(left.as_ref(), right.as_ref());
-        let mut mixed = dense::inner(vectors, departed.as_ref());
+        let departed = dense::product(*blocks, along.as_ref());
+        let mut mixed = dense::inner(*vectors, departed.as_ref());
         for (j, &column) in chosen.iter().enumerate() {
             let (inverse, mixed) = (1.0 / values[column], mixed.col_as_slice_mut(j));
-            let (corrected, departed) = (&mut room.col_as_slice_mut(j)[..m], departed.col_as_slice(j));
             vectorised(
                 #[inline(always)]
                 || {
-                    for (x, value) in mixed.iter_mut().zip(values) {
+                    for (x, value) in mixed.iter_mut().zip(*values) {
                         let difference = values[column] - value;
                         let small = x.abs() < SMALL * difference.abs();
                         *x *= if small { 1.0 / difference } else { 0.0 } - inverse;
                     }
-                    for (x, departed) in corrected.iter_mut().zip(departed) {
-                        *x = inverse.mul_add(*departed, *x);
-                    }
                 },
             );
+            own.rb_mut().col_mut(j).add_assign(Scale(inverse) * departed.col(j));
         }
-        let corrected = room.submatrix_mut(0, 0, m, chosen.len());
-        matmul(corrected, Accum::Add, vectors, mixed.as_ref(), 1.0, Par::Seq);
-        room
+        matmul(own.rb_mut(), Accum::Add, *vectors, mixed.as_ref(), 1.0, Par::Seq);
     }
 }
 
@@ -195,7 +233,7 @@ mod tests {
             (0..m).map(|i| (product[i] - along / norm * s[(i, j)]).powi(2)).sum::<f64>().sqrt()
         };
         let chosen: Vec<usize> = (0..10).collect();
-        let corrected = departure.correct(&known, columns.as_ref(), &chosen);
+        let corrected = departure.correct(&known, columns.as_ref(), &chosen, &()).expect("not cancelled");
         for j in chosen {
             let (before, after) = (residual(columns.as_ref(), j), residual(corrected.as_ref(), j));
             assert!(before > 0.1 * scale && after < 0.05 * before, "{j}: {before:e} {after:e}");

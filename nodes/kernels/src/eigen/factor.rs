@@ -1,7 +1,7 @@
 //! Sparse LDL' factorisations of A - shift I: solves, and eigenvalue counts by inertia.
 
 use super::packed::{Packed, Shape};
-use super::parts::{collect, locked};
+use super::parts::{both, collect, locked};
 use super::problem::Problem;
 use super::spare::Spare;
 use super::{EigenError, Hooks};
@@ -37,19 +37,19 @@ pub(super) struct Factorizer {
 }
 
 impl Factorizer {
-    pub fn new(problem: &Problem<'_>) -> Result<Self, EigenError> {
-        let matrix = problem.stiffness;
-        let elimination = Elimination::minimum_degree(matrix).ok_or(EigenError::Factorisation { shift: 0.0 })?;
-        let roots: Vec<f64> = elimination.order.iter().map(|&row| problem.root[row as usize]).collect();
-        let lower = Lower::scaled(matrix, &elimination, &roots);
-        let symbolic = Symbolic::new(&elimination, &RELAXED);
-        let branches = symbolic.branches(SHARE, LEAST);
-        let shape = Arc::new(Shape::new(symbolic));
+    /// For this order of the rows.
+    pub fn new(problem: &Problem<'_>, elimination: Elimination, hooks: &dyn Hooks) -> Result<Self, EigenError> {
+        let scaled = || {
+            let roots: Vec<f64> = elimination.order.iter().map(|&row| problem.root[row as usize]).collect();
+            Lower::scaled(problem.stiffness, &elimination, &roots)
+        };
+        let shape = || Shape::new(Symbolic::new(&elimination, &RELAXED));
+        let (lower, shape) = both(hooks, scaled, shape)?;
         Ok(Self {
             order: elimination.order,
             lower,
-            shape,
-            branches,
+            branches: shape.symbolic().branches(SHARE, LEAST),
+            shape: Arc::new(shape),
             area: problem.area,
             fronts: Spare::new(),
             left: Spare::new(),
@@ -131,6 +131,13 @@ mod tests {
     use crate::random::Random;
     use crate::sparse::SymmetricCsr;
 
+    impl Factorizer {
+        pub(in crate::eigen) fn of(problem: &Problem<'_>) -> Self {
+            let elimination = Elimination::minimum_degree(problem.stiffness).expect("small");
+            Self::new(problem, elimination, &()).expect("not cancelled")
+        }
+    }
+
     /// Each task on a thread of its own, the last one first.
     struct Threads;
 
@@ -153,7 +160,7 @@ mod tests {
     fn threads_change_no_bit_and_what_is_left_out_is_told() {
         let operator = sheet(130, 110);
         let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
-        let factorizer = Factorizer::new(&problem).expect("small");
+        let factorizer = Factorizer::of(&problem);
         assert!(factorizer.branches.len() > 4, "worth threads");
         let shift = 500.0;
         let mut random = Random::new(&[2]);
@@ -177,7 +184,7 @@ mod tests {
         // An isolated vertex and a path, whose ends have pivots of one times the scale minus the shift.
         let stiffness = SymmetricCsr::graph_laplacian(5, [(1, 2), (2, 3), (3, 4)].into_iter(), &[1.0; 3]);
         let mass = [1.0; 5];
-        let factorizer = Factorizer::new(&Problem::new(&stiffness, &mass).expect("a Laplacian")).expect("small");
+        let factorizer = Factorizer::of(&Problem::new(&stiffness, &mass).expect("a Laplacian"));
         let end = factorizer.order.iter().position(|&v| v == 1 || v == 4).expect("all are in it");
         let shift = factorizer.lower.diagonal[end];
         assert!((shift - 5.0).abs() < 1e-12 && factorizer.factor(shift, &()).is_err());

@@ -338,7 +338,7 @@ impl<'r, 'a> Krylov<'r, 'a> {
         let m = self.recurrence.diagonal.len() * WIDTH;
         let last = &self.recurrence.below[self.recurrence.below.len() - 1];
         let columns: Vec<usize> = chosen.pairs.iter().map(|r| r.column).collect();
-        let mut c = self.departure.correct(&projected.values, projected.vectors.as_ref(), &columns);
+        let mut c = self.departure.correct(&projected.values, projected.vectors.as_ref(), &columns, self.hooks)?;
         for (j, &column) in columns.iter().enumerate() {
             let s = c.col_as_slice_mut(j);
             let mut norm = 1.0;

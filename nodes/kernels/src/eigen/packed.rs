@@ -313,7 +313,7 @@ pub(super) mod tests {
     fn solves_leave_no_residual_and_the_width_of_registers_changes_no_bit() {
         let operator = sheet(34, 26);
         let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
-        let factorizer = Factorizer::new(&problem).expect("small");
+        let factorizer = Factorizer::of(&problem);
         let (order, shift) = (factorizer.order(), 320.0);
         let packed = factorizer.factor(shift, &()).expect("not singular");
         let widest = packed.shape.symbolic.nodes.iter().map(crate::multifrontal::Supernode::width).max();

@@ -3,7 +3,8 @@
 //! Functions here are written as plain loops over arrays of eight, which the compiler turns into the widest instructions that
 //! [`vectorised`](crate::simd::vectorised) finds on the processor. The order of every sum is fixed by the code, not by the number of threads.
 
-use std::collections::TryReserveError;
+use super::EigenError;
+use bytemuck::allocation::try_zeroed_vec;
 
 /// Vectors per panel. Measured: 4 ties for small k, 16 and 32 need too many vectors.
 pub(crate) const WIDTH: usize = 8;
@@ -26,17 +27,16 @@ pub(crate) struct Rows {
 
 impl Rows {
     /// So many rows of zeros.
-    pub fn zeroed(count: usize) -> Result<Self, TryReserveError> {
+    pub fn zeroed(count: usize) -> Result<Self, EigenError> {
         Self::zeroed_after(0, count)
     }
 
-    /// The same in memory that begins with room for so many numbers.
-    pub fn zeroed_after(front: usize, count: usize) -> Result<Self, TryReserveError> {
+    /// The same in memory that begins with room for so many numbers. Pages that are new to the process stay untouched.
+    pub fn zeroed_after(front: usize, count: usize) -> Result<Self, EigenError> {
         // Wherever cache lines begin, so many whole rows follow and no more.
         let room = front + count * WIDTH + WIDTH - 1;
-        // Zeros are cheapest from an allocation that cannot fail.
-        Vec::<f64>::new().try_reserve_exact(room)?;
-        Ok(Self { memory: vec![0.0; room], front })
+        let memory = try_zeroed_vec(room).map_err(|()| EigenError::Memory)?;
+        Ok(Self { memory, front })
     }
 
     pub fn as_slice(&self) -> &[Row] {

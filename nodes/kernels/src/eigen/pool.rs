@@ -60,7 +60,7 @@ impl Pool {
     pub fn piece(&self, panels: usize) -> Result<Rows, EigenError> {
         let rows = panels * self.runs * RUN;
         let kept = self.firsts.take().filter(|kept| kept.as_slice().len() >= rows);
-        kept.map_or_else(|| Rows::zeroed_after(self.front, rows).map_err(|_| EigenError::Memory), Ok)
+        kept.map_or_else(|| Rows::zeroed_after(self.front, rows), Ok)
     }
 
     /// New zeroed panels, touched: pages that are read before they are written cost two faults, and while another thread runs, an interrupt of its
@@ -72,7 +72,7 @@ impl Pool {
     }
 
     fn untouched(&self, count: usize) -> Result<Rows, EigenError> {
-        Rows::zeroed(count * self.runs * RUN).map_err(|_| EigenError::Memory)
+        Rows::zeroed(count * self.runs * RUN)
     }
 
     /// Such panels, one by one.

@@ -9,8 +9,8 @@ use super::reach::{Reach, Side};
 use super::twisted::Twisted;
 use super::{EigenError, Hooks};
 use crate::sturm::{Bracket, Tridiagonal};
-use faer::Mat;
 use faer::prelude::Reborrow;
+use faer::{Mat, MatRef};
 
 /// Vectors computed beyond those wanted below and above the shift: one shows that there are no others, more are needed where a gap is to be found.
 const BEYOND: [usize; 2] = [2, 26];
@@ -79,9 +79,9 @@ impl Projected {
         let columns = columns(n, &|x| sturm.below(&[[x; WIDTH]])[0][0] as usize, ends);
         let parts: Vec<&[usize]> = columns.chunks(PART).collect();
         let parts = collect(hooks, parts.len(), &|p| Part::of(&form, &sturm, parts[p]))?;
-        let values: Vec<f64> = parts.iter().flat_map(|part| part.values.iter().copied()).collect();
-        let rows: Vec<&[Row]> = parts.iter().flat_map(|part| part.vectors.chunks_exact(n)).collect();
-        let mut vectors = Mat::from_fn(n, values.len(), |i, j| rows[j / WIDTH][i][j % WIDTH]);
+        let (values, entries): (Vec<_>, Vec<_>) = parts.into_iter().map(|part| (part.values, part.vectors)).unzip();
+        let (values, entries) = (values.concat(), entries.concat());
+        let mut vectors = MatRef::from_column_major_slice(&entries, n, values.len()).to_owned();
         let orthogonal = orthogonalise(&values, &mut vectors, APART * sturm.norm);
         Ok(orthogonal.map(|()| Self { values, vectors }))
     }
@@ -90,8 +90,8 @@ impl Projected {
 /// Some eigenpairs.
 struct Part {
     values: Vec<f64>,
-    /// Rows of eight vectors each, then those of the next eight.
-    vectors: Vec<Row>,
+    /// Unit vectors, one after the other.
+    vectors: Vec<f64>,
 }
 
 impl Part {
@@ -100,14 +100,14 @@ impl Part {
         let n = form.diagonal.len();
         let bracket = |&number: &usize| Bracket { number: number as f64, low: -sturm.norm, high: sturm.norm };
         let values = sturm.bisect(numbers.iter().map(bracket).collect());
-        let mut vectors = Vec::with_capacity(n * values.len().div_ceil(WIDTH));
+        let mut vectors = Vec::with_capacity(n * values.len());
         let (mut twisted, mut rows) = (Twisted::default(), vec![[0.0; WIDTH]; n + Tridiagonalised::PADDING]);
         for values in values.chunks(WIDTH) {
             let lanes: Row = std::array::from_fn(|q| values[q.min(values.len() - 1)]);
             twisted.vectors(&form.diagonal, &form.off, sturm.norm, &lanes, &mut rows[..n]);
             rows[n..].fill([0.0; WIDTH]);
             form.transform(&mut rows);
-            vectors.extend_from_slice(&rows[..n]);
+            (0..values.len()).for_each(|q| vectors.extend(rows[..n].iter().map(|row| row[q])));
         }
         Self { values, vectors }
     }
@@ -127,15 +127,16 @@ fn columns(all: usize, below: &dyn Fn(f64) -> usize, ends: Ends<'_>) -> Vec<usiz
     (0..low.min(negative)).chain(all - high.min(all - negative)..all).collect()
 }
 
-/// Removes what unit vectors have of those before them whose values are not further apart than that; nothing if it is too much.
+/// Removes what unit vectors have of those before them whose values are not further apart than that; nothing if it is too much, or one is none.
 fn orthogonalise(values: &[f64], vectors: &mut Mat<f64>, apart: f64) -> Option<()> {
     for j in 0..values.len() {
         let (before, rest) = vectors.as_mut().split_at_col_mut(j);
         let mut own = rest.col_mut(0);
-        if !own.norm_l2().is_finite() {
+        if own.rb().iter().any(|x| !x.is_finite()) {
             return None;
         }
-        for i in (0..j).rev().take_while(|&i| values[j] - values[i] < apart) {
+        let near = (0..j).rev().take_while(|&i| values[j] - values[i] < apart);
+        for i in near.clone() {
             let other = before.rb().col(i);
             let along = other.transpose() * own.rb();
             if along.abs() > NEAR {
@@ -143,8 +144,10 @@ fn orthogonalise(values: &[f64], vectors: &mut Mat<f64>, apart: f64) -> Option<(
             }
             own -= along * other;
         }
-        let norm = own.norm_l2();
-        own /= faer::Scale(norm);
+        if near.count() > 0 {
+            let norm = own.norm_l2();
+            own /= faer::Scale(norm);
+        }
     }
     Some(())
 }

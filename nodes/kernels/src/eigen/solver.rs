@@ -15,6 +15,8 @@ use super::slices::{Attempt, Spectrum, Union, union};
 use super::slicing::Slicing;
 use super::vectors::Vectors;
 use super::{Certificate, EigenError, Eigenpairs, Hooks, Method, Options, Phase, enter};
+use crate::laplacian::Operator;
+use crate::multifrontal::Elimination;
 use std::fs::File;
 use std::io;
 use std::sync::OnceLock;
@@ -28,37 +30,30 @@ const ATTEMPTS: usize = 6;
 
 /// See [`super::eigenpairs`].
 pub(crate) fn solve(
-    problem: &Problem<'_>,
+    operator: &Operator,
     k: usize,
     options: &Options,
     hooks: &dyn Hooks,
 ) -> Result<Eigenpairs, EigenError> {
-    check(problem, k, options)?;
+    check(operator, k, options)?;
     let hooks = &Forward { hooks, reached: AtomicU64::new(0) };
     hooks.progress(0.0);
     enter(hooks, Phase::Order)?;
-    let (n, wanted) = (problem.n(), k.saturating_sub(problem.nullity()));
-    let slicing = Slicing::new(n, wanted, options);
-    let pool = Pool::new(n, k - wanted);
-    let prepare = || {
-        // Several slices have work for other threads while they touch their memory.
-        if !is_sparse(n, wanted, slicing, options) || slicing.count() > 1 {
-            return Ok(());
-        }
-        pool.prepare(slicing.place(0), 1 + expected_blocks(wanted, true), || !hooks.cancelled())
-    };
-    let (factorizer, prepared) = both(hooks, || Factorizer::new(problem), prepare)?;
-    prepared?;
-    let factorizer = factorizer?;
+    // What does not wait for the order is done beside it.
+    let order = || Elimination::minimum_degree(&operator.stiffness);
+    let (elimination, begun) = both(hooks, order, || begin(operator, k, options, hooks))?;
+    let Begun { problem, slicing, pool } = begun?;
+    let elimination = elimination.ok_or(EigenError::Factorisation { shift: 0.0 })?;
+    let factorizer = Factorizer::new(&problem, elimination, hooks)?;
     let order = factorizer.order();
     let null = problem.null(&order);
     let solver = Solver {
-        problem,
+        problem: &problem,
         factorizer: &factorizer,
         order: &order,
         null: &null,
         pool: &pool,
-        columns: &Columns::new(problem, &null, &order, hooks),
+        columns: &Columns::new(&problem, &null, &order, hooks),
         slicing,
         k,
         options,
@@ -67,6 +62,25 @@ pub(crate) fn solve(
     let found = solver.attempts()?;
     hooks.progress(1.0);
     Ok(found)
+}
+
+/// What is known, and had, before there is an order.
+struct Begun<'a> {
+    problem: Problem<'a>,
+    slicing: Slicing,
+    pool: Pool,
+}
+
+fn begin<'a>(operator: &'a Operator, k: usize, options: &Options, hooks: &dyn Hooks) -> Result<Begun<'a>, EigenError> {
+    let problem = Problem::new(&operator.stiffness, &operator.mass)?;
+    let (n, wanted) = (problem.n(), k.saturating_sub(problem.nullity()));
+    let slicing = Slicing::new(n, wanted, options);
+    let pool = Pool::new(n, k - wanted);
+    // Several slices have work for other threads while they touch their memory.
+    if is_sparse(n, wanted, slicing, options) && slicing.count() == 1 {
+        pool.prepare(slicing.place(0), 1 + expected_blocks(wanted, true), || !hooks.cancelled())?;
+    }
+    Ok(Begun { problem, slicing, pool })
 }
 
 /// Keeps progress from falling back when a further attempt begins.
@@ -99,12 +113,16 @@ impl Hooks for Forward<'_> {
     }
 }
 
-fn check(problem: &Problem<'_>, k: usize, options: &Options) -> Result<(), EigenError> {
+fn check(operator: &Operator, k: usize, options: &Options) -> Result<(), EigenError> {
+    let (rows, masses) = (operator.stiffness.n(), operator.mass.len());
+    if masses != rows {
+        return Err(EigenError::MassLength { rows, masses });
+    }
     if k == 0 {
         return Err(EigenError::NoneWanted);
     }
-    if k > problem.n() {
-        return Err(EigenError::TooMany { wanted: k, available: problem.n() });
+    if k > rows {
+        return Err(EigenError::TooMany { wanted: k, available: rows });
     }
     if !(options.tolerance > 0.0 && options.tolerance <= 1e-2) {
         return Err(EigenError::Option { name: "tolerance" });
