@@ -362,7 +362,7 @@ mod tests {
         let (vertices, faces) = rectangle();
         let operator = laplacian(&vertices, &faces, Area::Mixed, false).expect("a plane mesh");
         let exact = eigenpairs(&operator, 31, &Options::default(), &()).expect("certified");
-        let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
+        let problem = Problem::of(&operator);
         let factorizer = Factorizer::of(&problem);
         let (order, n) = (factorizer.order(), vertices.len());
         let (null, pool) = (problem.null(&order), Pool::new(n, 1));
@@ -394,7 +394,7 @@ mod tests {
         let (vertices, faces) = rectangle();
         let operator = laplacian(&vertices, &faces, Area::Mixed, false).expect("a plane mesh");
         let exact = eigenpairs(&operator, 25, &Options::default(), &()).expect("certified");
-        let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
+        let problem = Problem::of(&operator);
         let factorizer = Factorizer::of(&problem);
         let (order, n) = (factorizer.order(), vertices.len());
         let (null, pool) = (problem.null(&order), Pool::new(n, 1));

@@ -1,11 +1,12 @@
 //! Sparse LDL' factorisations of A - shift I: solves, and eigenvalue counts by inertia.
 
 use super::packed::{Packed, Shape};
-use super::parts::{both, collect, locked};
+use super::parts::{collect, locked};
 use super::problem::Problem;
 use super::spare::Spare;
 use super::{EigenError, Hooks};
 use crate::multifrontal::{Branch, Elimination, Fronts, Keep, Lower, Shifted, Symbolic};
+use crate::sparse::SymmetricCsr;
 use std::f64::consts::PI;
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
@@ -23,7 +24,24 @@ const LEAST: f64 = 2e5;
 /// can be.
 pub(super) const BELOW: f64 = -4.0 * PI;
 
-/// The part of a factorisation that all shifts share: ordering and fill.
+/// Ordering and fill, for which the numbers of a matrix do not matter.
+pub(super) struct Pattern {
+    elimination: Elimination,
+    shape: Shape,
+    branches: Vec<Range<usize>>,
+}
+
+impl Pattern {
+    /// By minimum degree; nothing if memory ran out.
+    pub fn new(stiffness: &SymmetricCsr) -> Option<Self> {
+        let elimination = Elimination::minimum_degree(stiffness)?;
+        let symbolic = Symbolic::new(&elimination, &RELAXED);
+        let branches = symbolic.branches(SHARE, LEAST);
+        Some(Self { elimination, shape: Shape::new(symbolic), branches })
+    }
+}
+
+/// The part of a factorisation that all shifts share.
 pub(super) struct Factorizer {
     order: Vec<u32>,
     lower: Lower,
@@ -37,23 +55,19 @@ pub(super) struct Factorizer {
 }
 
 impl Factorizer {
-    /// For this order of the rows.
-    pub fn new(problem: &Problem<'_>, elimination: Elimination, hooks: &dyn Hooks) -> Result<Self, EigenError> {
-        let scaled = || {
-            let roots: Vec<f64> = elimination.order.iter().map(|&row| problem.root[row as usize]).collect();
-            Lower::scaled(problem.stiffness, &elimination, &roots)
-        };
-        let shape = || Shape::new(Symbolic::new(&elimination, &RELAXED));
-        let (lower, shape) = both(hooks, scaled, shape)?;
-        Ok(Self {
+    pub fn new(problem: &Problem<'_>, pattern: Pattern) -> Self {
+        let Pattern { elimination, shape, branches } = pattern;
+        let roots: Vec<f64> = elimination.order.iter().map(|&row| problem.root[row as usize]).collect();
+        let lower = Lower::scaled(problem.stiffness, &elimination, &roots);
+        Self {
             order: elimination.order,
             lower,
-            branches: shape.symbolic().branches(SHARE, LEAST),
             shape: Arc::new(shape),
+            branches,
             area: problem.area,
             fronts: Spare::new(),
             left: Spare::new(),
-        })
+        }
     }
 
     /// The vertex that is eliminated at each step.
@@ -128,13 +142,13 @@ impl Factorizer {
 mod tests {
     use super::*;
     use crate::eigen::packed::tests::sheet;
+    use crate::laplacian::Operator;
     use crate::random::Random;
     use crate::sparse::SymmetricCsr;
 
     impl Factorizer {
         pub(in crate::eigen) fn of(problem: &Problem<'_>) -> Self {
-            let elimination = Elimination::minimum_degree(problem.stiffness).expect("small");
-            Self::new(problem, elimination, &()).expect("not cancelled")
+            Self::new(problem, Pattern::new(problem.stiffness).expect("small"))
         }
     }
 
@@ -159,7 +173,7 @@ mod tests {
     #[test]
     fn threads_change_no_bit_and_what_is_left_out_is_told() {
         let operator = sheet(130, 110);
-        let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
+        let problem = Problem::of(&operator);
         let factorizer = Factorizer::of(&problem);
         assert!(factorizer.branches.len() > 4, "worth threads");
         let shift = 500.0;
@@ -183,8 +197,8 @@ mod tests {
     fn counts_avoid_shifts_that_break_down() {
         // An isolated vertex and a path, whose ends have pivots of one times the scale minus the shift.
         let stiffness = SymmetricCsr::graph_laplacian(5, [(1, 2), (2, 3), (3, 4)].into_iter(), &[1.0; 3]);
-        let mass = [1.0; 5];
-        let factorizer = Factorizer::of(&Problem::new(&stiffness, &mass).expect("a Laplacian"));
+        let operator = Operator { stiffness, mass: vec![1.0; 5] };
+        let factorizer = Factorizer::of(&Problem::of(&operator));
         let end = factorizer.order.iter().position(|&v| v == 1 || v == 4).expect("all are in it");
         let shift = factorizer.lower.diagonal[end];
         assert!((shift - 5.0).abs() < 1e-12 && factorizer.factor(shift, &()).is_err());

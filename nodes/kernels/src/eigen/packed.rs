@@ -312,7 +312,7 @@ pub(super) mod tests {
     #[test]
     fn solves_leave_no_residual_and_the_width_of_registers_changes_no_bit() {
         let operator = sheet(34, 26);
-        let problem = Problem::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
+        let problem = Problem::of(&operator);
         let factorizer = Factorizer::of(&problem);
         let (order, shift) = (factorizer.order(), 320.0);
         let packed = factorizer.factor(shift, &()).expect("not singular");

@@ -43,16 +43,22 @@ pub(super) fn collect<T: Send>(
     Ok(slots.into_iter().filter_map(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner)).collect())
 }
 
-/// Two different tasks, as [`each`].
-pub(super) fn both<A: Send, B: Send>(
+/// Three different tasks, as [`each`].
+pub(super) fn three<A: Send, B: Send, C: Send>(
     hooks: &dyn Hooks,
     first: impl FnOnce() -> A + Send,
     second: impl FnOnce() -> B + Send,
-) -> Result<(A, B), EigenError> {
+    third: impl FnOnce() -> C + Send,
+) -> Result<(A, B, C), EigenError> {
     let (first, second) = (Mutex::new((Some(first), None)), Mutex::new((Some(second), None)));
-    each(hooks, 2, &|i| if i == 0 { once(&first) } else { once(&second) })?;
-    let result = (locked(&first).1.take(), locked(&second).1.take());
-    if let (Some(a), Some(b)) = result { Ok((a, b)) } else { Err(EigenError::Cancelled) }
+    let third = Mutex::new((Some(third), None));
+    each(hooks, 3, &|i| match i {
+        0 => once(&first),
+        1 => once(&second),
+        _ => once(&third),
+    })?;
+    let results = (locked(&first).1.take(), locked(&second).1.take(), locked(&third).1.take());
+    if let (Some(a), Some(b), Some(c)) = results { Ok((a, b, c)) } else { Err(EigenError::Cancelled) }
 }
 
 /// Puts the task's result beside it.
@@ -160,8 +166,8 @@ mod tests {
     }
 
     #[test]
-    fn two_tasks_have_two_results() {
+    fn three_tasks_have_three_results() {
         let word = String::from("owned");
-        assert_eq!(both(&Backwards, || 3, move || word), Ok((3, String::from("owned"))));
+        assert_eq!(three(&Backwards, || 3, move || word, || [0.5]), Ok((3, String::from("owned"), [0.5])));
     }
 }

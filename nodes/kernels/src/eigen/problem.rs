@@ -2,6 +2,7 @@
 
 use super::EigenError;
 use super::basis::Null;
+use crate::laplacian::Operator;
 use crate::sparse::SymmetricCsr;
 use faer::MatMut;
 use faer::prelude::Reborrow;
@@ -20,9 +21,16 @@ pub(crate) struct Problem<'a> {
     component_roots: Vec<f64>,
 }
 
-impl<'a> Problem<'a> {
-    /// A symmetric stiffness matrix whose rows sum to zero, and as many positive masses.
-    pub(crate) fn new(stiffness: &'a SymmetricCsr, mass: &'a [f64]) -> Result<Self, EigenError> {
+/// What the problem is scaled by, and what was found when its entries were checked.
+pub(super) struct Scale {
+    area: f64,
+    root: Vec<f64>,
+    uneven: Vec<(usize, f64)>,
+}
+
+impl Scale {
+    /// Of a symmetric stiffness matrix whose rows sum to zero, and as many positive masses.
+    pub fn new(stiffness: &SymmetricCsr, mass: &[f64]) -> Result<Self, EigenError> {
         let mut uneven = Vec::new();
         for vertex in 0..stiffness.n() {
             let magnitude: f64 = stiffness.row(vertex).map(|e| e.1.abs()).sum();
@@ -41,14 +49,28 @@ impl<'a> Problem<'a> {
             return Err(EigenError::NotFinite { vertex });
         }
         let area: f64 = mass.iter().sum();
-        let root: Vec<f64> = mass.iter().map(|s| (s / area).sqrt()).collect();
-        let (components, labels) = stiffness.components();
+        let root = mass.iter().map(|s| (s / area).sqrt()).collect();
+        Ok(Self { area, root, uneven })
+    }
+}
+
+impl<'a> Problem<'a> {
+    /// The number of components, and that of each vertex, are those of the stiffness matrix.
+    pub(super) fn new(operator: &'a Operator, scale: Scale, (components, labels): (usize, Vec<u32>)) -> Self {
+        let Scale { area, root, uneven } = scale;
         let mut shares = vec![0.0f64; components];
         for (&label, r) in labels.iter().zip(&root) {
             shares[label as usize] += r * r;
         }
         let component_roots = shares.into_iter().map(f64::sqrt).collect();
-        Ok(Self { stiffness, mass, area, root, uneven, labels, component_roots })
+        let Operator { stiffness, mass, .. } = operator;
+        Self { stiffness, mass, area, root, uneven, labels, component_roots }
+    }
+
+    #[cfg(test)]
+    pub(super) fn of(operator: &'a Operator) -> Self {
+        let scale = Scale::new(&operator.stiffness, &operator.mass).expect("a Laplacian");
+        Self::new(operator, scale, operator.stiffness.components())
     }
 
     pub(super) fn n(&self) -> usize {

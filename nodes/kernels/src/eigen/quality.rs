@@ -193,18 +193,19 @@ impl Pass<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::laplacian::Operator;
     use crate::random::Random;
     use crate::sparse::SymmetricCsr;
 
     const N: u32 = 400;
 
     /// A ring with chords of uneven weights.
-    fn ring() -> (SymmetricCsr, Vec<f64>) {
+    fn ring() -> Operator {
         let mut random = Random::from_state(2);
         let ends: Vec<(u32, u32)> = (0..N).flat_map(|i| [(i, (i + 1) % N), (i, (i + 7) % N)]).collect();
         let weights: Vec<f64> = ends.iter().map(|_| 0.1 + random.unit()).collect();
         let mass = (0..N).map(|_| 0.5 + random.unit()).collect();
-        (SymmetricCsr::graph_laplacian(N as usize, ends.into_iter(), &weights), mass)
+        Operator { stiffness: SymmetricCsr::graph_laplacian(N as usize, ends.into_iter(), &weights), mass }
     }
 
     /// Eight eigenvectors v = R^-1 y with noise of so much, and their eigenvalues.
@@ -219,8 +220,8 @@ mod tests {
 
     #[test]
     fn guesses_that_are_off_change_neither_values_nor_residuals() {
-        let (stiffness, mass) = ring();
-        let problem = Problem::new(&stiffness, &mass).expect("a Laplacian");
+        let operator = ring();
+        let problem = Problem::of(&operator);
         let order: Vec<u32> = (0..N).collect();
         for noise in [1e-2, 1e-6, 1e-10, 0.0] {
             let (v, exact) = noisy(&problem, noise);
@@ -230,7 +231,7 @@ mod tests {
                 for q in 0..WIDTH {
                     // Plain sums: Rayleigh quotients of M and the mass, then the norm of what is left.
                     let square: f64 = (0..v.len()).map(|i| (problem.root[i] * v[i][q]).powi(2)).sum();
-                    let row = |i: usize| stiffness.row(i).map(|(j, m)| m * v[j][q]).sum::<f64>();
+                    let row = |i: usize| operator.stiffness.row(i).map(|(j, m)| m * v[j][q]).sum::<f64>();
                     let value = (0..v.len()).map(|i| v[i][q] * row(i)).sum::<f64>() / square;
                     let residual = (rows.iter().map(|row| row[q] * row[q]).sum::<f64>() / square).sqrt();
                     assert!((quality.values[q] - value).abs() < 1e-12 * value, "{noise} {factor} {q}");
@@ -244,15 +245,15 @@ mod tests {
 
     #[test]
     fn rounding_is_known_where_residuals_are_large() {
-        let (stiffness, mass) = ring();
-        let problem = Problem::new(&stiffness, &mass).expect("a Laplacian");
+        let operator = ring();
+        let problem = Problem::of(&operator);
         let (v, exact) = noisy(&problem, 0.0);
         let small = problem.examine(&v, &exact, 1e-8);
         assert!(small.rounding.iter().all(|x| x.abs() < f64::MIN_POSITIVE));
         let strict = problem.examine(&v, &exact, 1e-300);
         for q in 0..WIDTH {
             let magnitude =
-                |i: usize| stiffness.row(i).map(|(j, m)| (m * v[j][q]).abs()).sum::<f64>() / problem.root[i];
+                |i: usize| operator.stiffness.row(i).map(|(j, m)| (m * v[j][q]).abs()).sum::<f64>() / problem.root[i];
             let norm = (0..v.len()).map(|i| magnitude(i).powi(2)).sum::<f64>().sqrt();
             assert!((strict.rounding[q] / (f64::EPSILON * norm) - 1.0).abs() < 1e-12);
             assert!(strict.is_fine(q, 1e-300));
@@ -271,8 +272,8 @@ mod tests {
             assert_eq!(next, v.len());
             sums
         }
-        let (stiffness, mass) = ring();
-        let problem = Problem::new(&stiffness, &mass).expect("a Laplacian");
+        let operator = ring();
+        let problem = Problem::of(&operator);
         let (v, guesses) = noisy(&problem, 1e-6);
         let native = problem.sums(&v, &guesses, &mut |_| ());
         assert!(sums(pulp::Scalar, &problem, &v, &guesses) == native);

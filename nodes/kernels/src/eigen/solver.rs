@@ -4,19 +4,19 @@ use super::basis::Null;
 use super::certify::{Columns, UNCERTIFIED};
 use super::cut::place_cut;
 use super::dense::{lifted, orthonormalise, refine, symmetric_eigen};
-use super::factor::{BELOW, Factorizer};
+use super::factor::{BELOW, Factorizer, Pattern};
 use super::lanczos::expected_blocks;
 use super::panel::WIDTH;
-use super::parts::both;
+use super::parts::three;
 use super::pool::{Panels, Pool};
-use super::problem::Problem;
+use super::problem::{Problem, Scale};
 use super::scratch::Scratch;
 use super::slices::{Attempt, Spectrum, Union, union};
 use super::slicing::Slicing;
 use super::vectors::Vectors;
 use super::{Certificate, EigenError, Eigenpairs, Hooks, Method, Options, Phase, enter};
 use crate::laplacian::Operator;
-use crate::multifrontal::Elimination;
+use crate::sparse::SymmetricCsr;
 use std::fs::File;
 use std::io;
 use std::sync::OnceLock;
@@ -39,12 +39,17 @@ pub(crate) fn solve(
     let hooks = &Forward { hooks, reached: AtomicU64::new(0) };
     hooks.progress(0.0);
     enter(hooks, Phase::Order)?;
-    // What does not wait for the order is done beside it.
-    let order = || Elimination::minimum_degree(&operator.stiffness);
-    let (elimination, begun) = both(hooks, order, || begin(operator, k, options, hooks))?;
-    let Begun { problem, slicing, pool } = begun?;
-    let elimination = elimination.ok_or(EigenError::Factorisation { shift: 0.0 })?;
-    let factorizer = Factorizer::new(&problem, elimination, hooks)?;
+    let Operator { stiffness, mass, .. } = operator;
+    let (pattern, begun, scale) = three(
+        hooks,
+        || Pattern::new(stiffness),
+        || begin(stiffness, k, options, hooks),
+        || Scale::new(stiffness, mass),
+    )?;
+    let (scale, Begun { components, slicing, pool }) = (scale?, begun?);
+    let problem = Problem::new(operator, scale, components);
+    let pattern = pattern.ok_or(EigenError::Factorisation { shift: 0.0 })?;
+    let factorizer = Factorizer::new(&problem, pattern);
     let order = factorizer.order();
     let null = problem.null(&order);
     let solver = Solver {
@@ -65,22 +70,22 @@ pub(crate) fn solve(
 }
 
 /// What is known, and had, before there is an order.
-struct Begun<'a> {
-    problem: Problem<'a>,
+struct Begun {
+    components: (usize, Vec<u32>),
     slicing: Slicing,
     pool: Pool,
 }
 
-fn begin<'a>(operator: &'a Operator, k: usize, options: &Options, hooks: &dyn Hooks) -> Result<Begun<'a>, EigenError> {
-    let problem = Problem::new(&operator.stiffness, &operator.mass)?;
-    let (n, wanted) = (problem.n(), k.saturating_sub(problem.nullity()));
+fn begin(stiffness: &SymmetricCsr, k: usize, options: &Options, hooks: &dyn Hooks) -> Result<Begun, EigenError> {
+    let components = stiffness.components();
+    let (n, wanted) = (stiffness.n(), k.saturating_sub(components.0));
     let slicing = Slicing::new(n, wanted, options);
     let pool = Pool::new(n, k - wanted);
     // Several slices have work for other threads while they touch their memory.
     if is_sparse(n, wanted, slicing, options) && slicing.count() == 1 {
         pool.prepare(slicing.place(0), 1 + expected_blocks(wanted, true), || !hooks.cancelled())?;
     }
-    Ok(Begun { problem, slicing, pool })
+    Ok(Begun { components, slicing, pool })
 }
 
 /// Keeps progress from falling back when a further attempt begins.
