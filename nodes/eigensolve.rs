@@ -157,7 +157,7 @@ pub struct Eigensolve;
 
 impl Node for Eigensolve {
     const KIND: &'static str = "eigensolve";
-    const VERSION: u32 = 9;
+    const VERSION: u32 = 10;
     const DOC: &'static str = "The smallest eigenpairs of M v = lambda S v, certified by inertia (eq. 10). \
         Shift-invert block Lanczos; dense for small meshes. It fails rather than return a wrong basis.";
     const EXAMPLE: &'static str = r#"

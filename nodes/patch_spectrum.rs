@@ -217,7 +217,7 @@ pub struct PatchSpectrum;
 
 impl Node for PatchSpectrum {
     const KIND: &'static str = "patch_spectrum";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     const DOC: &'static str = "Each patch's first Laplace-Beltrami eigenvalues, doubled across its boundary, as a descriptor free of scale. \
         A patch with too few vertices for them has no descriptor and says why.";
     const EXAMPLE: &'static str = r#"
