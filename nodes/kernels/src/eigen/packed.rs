@@ -171,7 +171,7 @@ impl Packed {
         self.solve_top(above.iter().map(|(segment, _)| *segment), top);
         each(hooks, *groups, &|task| {
             // What was worked on last is still in the cache.
-            let part = &mut *locked(&parts[groups - 1 - task]);
+            let part = &mut *locked(&parts[task]);
             part.top.copy_from_slice(top);
             for (segment, x) in part.segments.iter_mut().rev() {
                 Arch::new().dispatch(Backward { packed: self, segment, x, top: part.top });
