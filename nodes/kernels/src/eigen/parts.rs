@@ -6,6 +6,7 @@ use super::pool::{Panel, RUN};
 use super::{EigenError, Hooks};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::thread;
 
 /// Most parts of a pass.
 const PARTS: usize = 4;
@@ -20,13 +21,19 @@ pub(super) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 /// All tasks, on the threads that the hooks lend; cancelled if one was left out.
+///
+/// This thread takes them from the first on and others from the last, whatever the hooks call them: of passes over the same rows, one after the other, each then
+/// finds in its cache what it left there.
 pub(super) fn each(hooks: &dyn Hooks, count: usize, task: &(dyn Fn(usize) + Sync)) -> Result<(), EigenError> {
-    let done = AtomicUsize::new(0);
-    hooks.each(count, &|i| {
-        task(i);
-        done.fetch_add(1, Ordering::Relaxed);
+    let (here, first, last) = (thread::current().id(), AtomicUsize::new(0), AtomicUsize::new(0));
+    hooks.each(count, &|_| {
+        if thread::current().id() == here {
+            task(first.fetch_add(1, Ordering::Relaxed));
+        } else {
+            task(count - 1 - last.fetch_add(1, Ordering::Relaxed));
+        }
     });
-    if done.into_inner() == count { Ok(()) } else { Err(EigenError::Cancelled) }
+    if first.into_inner() + last.into_inner() == count { Ok(()) } else { Err(EigenError::Cancelled) }
 }
 
 /// The results of all tasks, in order.
@@ -135,17 +142,28 @@ impl<'h> Pass<'h> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::eigen::panel::WIDTH;
 
-    /// Runs tasks from the last to the first.
-    struct Backwards;
+    /// Has tasks done elsewhere, one at a time: from the last to the first.
+    pub(in crate::eigen) struct Backwards;
 
     impl Hooks for Backwards {
         fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {
-            (0..count).rev().for_each(task);
+            thread::scope(|scope| drop(scope.spawn(|| (0..count).for_each(task))));
         }
+    }
+
+    #[test]
+    fn tasks_done_elsewhere_come_from_the_last_on() {
+        let order = |hooks: &dyn Hooks| {
+            let order = Mutex::new(Vec::new());
+            each(hooks, 4, &|i| locked(&order).push(i)).expect("none is left out");
+            order.into_inner().expect("no panic")
+        };
+        assert_eq!(order(&()), [0, 1, 2, 3]);
+        assert_eq!(order(&Backwards), [3, 2, 1, 0]);
     }
 
     #[test]

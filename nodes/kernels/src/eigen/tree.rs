@@ -159,14 +159,18 @@ impl Subtrees {
         Some(runs)
     }
 
-    /// Each to the group that has least so far: the groups, and what the largest one costs.
+    /// The group of each, and what the largest one costs. Groups are cut from the subtrees in their order, so that all rows of a group are neighbours: passes over
+    /// rows in parts then have about the same rows on a thread as solves have.
     fn shared_out(&self, subtrees: &[usize], groups: usize) -> (Vec<usize>, usize) {
-        let mut loads = vec![0; groups];
-        let mut owners = Vec::with_capacity(subtrees.len());
-        for &s in subtrees {
-            let owner = (0..groups).min_by_key(|&group| loads[group]).unwrap_or(0);
-            loads[owner] += self.cost[s];
-            owners.push(owner);
+        let mut order: Vec<usize> = (0..subtrees.len()).collect();
+        order.sort_unstable_by_key(|&i| subtrees[i]);
+        let all: usize = subtrees.iter().map(|&s| self.cost[s]).sum();
+        let (mut owners, mut loads, mut before) = (vec![0; subtrees.len()], vec![0; groups], 0);
+        for i in order {
+            let cost = self.cost[subtrees[i]];
+            owners[i] = ((before + cost / 2) * groups / all.max(1)).min(groups - 1);
+            loads[owners[i]] += cost;
+            before += cost;
         }
         (owners, loads.into_iter().max().unwrap_or(0))
     }
