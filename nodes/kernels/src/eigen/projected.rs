@@ -79,9 +79,12 @@ impl Projected {
         let columns = columns(n, &|x| sturm.below(&[[x; WIDTH]])[0][0] as usize, ends);
         let parts: Vec<&[usize]> = columns.chunks(PART).collect();
         let parts = collect(hooks, parts.len(), &|p| Part::of(&form, &sturm, parts[p]))?;
-        let (values, entries): (Vec<_>, Vec<_>) = parts.into_iter().map(|part| (part.values, part.vectors)).unzip();
-        let (values, entries) = (values.concat(), entries.concat());
-        let mut vectors = MatRef::from_column_major_slice(&entries, n, values.len()).to_owned();
+        let (mut values, mut vectors) = (Vec::with_capacity(columns.len()), Mat::zeros(n, columns.len()));
+        for part in parts {
+            let own = MatRef::from_column_major_slice(&part.vectors, n, part.values.len());
+            vectors.subcols_mut(values.len(), part.values.len()).copy_from(own);
+            values.extend(part.values);
+        }
         let orthogonal = orthogonalise(&values, &mut vectors, APART * sturm.norm);
         Ok(orthogonal.map(|()| Self { values, vectors }))
     }
