@@ -26,7 +26,7 @@ const TOGETHER: usize = 2;
 
 /// Once some pairs have been corrected, those above are too until eight of them are this much better than they need be: rounding errors do not shrink evenly from
 /// one pair to the next, and a single one that is missed costs another attempt.
-const SAFE: f64 = 0.25;
+const SAFE: f64 = 0.5;
 
 /// What certifying needs beside the vectors.
 pub(super) struct Columns<'a> {
