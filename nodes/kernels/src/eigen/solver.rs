@@ -40,11 +40,12 @@ pub(crate) fn solve(
     hooks.progress(0.0);
     enter(hooks, Phase::Order)?;
     let Operator { stiffness, mass, .. } = operator;
-    let (pattern, begun, scale) = three(
+    // Another thread begins with the last, and whichever is done first does what is left.
+    let (pattern, scale, begun) = three(
         hooks,
         || Pattern::new(stiffness),
-        || begin(stiffness, k, options, hooks),
         || Scale::new(stiffness, mass),
+        || begin(stiffness, k, options, hooks),
     )?;
     let (scale, Begun { components, slicing, pool }) = (scale?, begun?);
     let problem = Problem::new(operator, scale, components);
