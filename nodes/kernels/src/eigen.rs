@@ -56,7 +56,7 @@ pub trait Hooks: Sync {
         (0..count).for_each(task);
     }
     /// An empty file that nobody else uses, to be read and written, and gone once it is closed: for what is not needed for a while of a result so large that it and the
-    /// work on it had better not be in memory at once. Without one all is kept in memory; results do not depend on it.
+    /// work on it had better not be in memory at once. Asked for more than one at a time. Without them all is kept in memory; results do not depend on it.
     fn scratch(&self) -> io::Result<Option<File>> {
         Ok(None)
     }

@@ -10,32 +10,37 @@ use solving::*;
 use std::fs::File;
 use std::io;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Everything is too large.
 fn frugal() -> Options {
     Options { in_memory: 0, ..Options::default() }
 }
 
-/// Lends files, keeps an eye on the last one, and makes tasks in descending order.
+/// Lends files, keeps an eye on them, and makes tasks in descending order.
 #[derive(Default)]
 struct Lender {
-    last: Mutex<Option<File>>,
-    /// Bytes in it when the last phase began.
+    files: Mutex<Vec<File>>,
+    /// Bytes in them when the last phase began.
     written: AtomicU64,
+}
+
+impl Lender {
+    fn files(&self) -> MutexGuard<'_, Vec<File>> {
+        self.files.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 impl Hooks for Lender {
     fn scratch(&self) -> io::Result<Option<File>> {
         let file = tempfile::tempfile()?;
-        *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some(file.try_clone()?);
+        self.files().push(file.try_clone()?);
         Ok(Some(file))
     }
 
     fn phase(&self, _: salient_kernels::eigen::Phase) {
-        if let Some(file) = &*self.last.lock().unwrap_or_else(PoisonError::into_inner) {
-            self.written.store(file.metadata().map_or(0, |data| data.len()), Ordering::Relaxed);
-        }
+        let bytes = self.files().iter().map(|file| file.metadata().map_or(0, |data| data.len())).sum();
+        self.written.store(bytes, Ordering::Relaxed);
     }
 
     fn each(&self, count: usize, task: &(dyn Fn(usize) + Sync)) {

@@ -183,7 +183,7 @@ impl<'a> Columns<'a> {
             aside = &|| ();
             worst = products.kept + products.second;
             if !products.steps.is_empty() {
-                vectors.subtract_multiples(&products.steps);
+                vectors.subtract_multiples(&products.steps, self.hooks)?;
             }
             if products.second < 0.1 * REMOVED {
                 break;

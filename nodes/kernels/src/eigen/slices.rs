@@ -66,7 +66,7 @@ pub(super) struct Attempt {
 /// there is one.
 pub(super) fn union<'a>(
     spectrum: &Spectrum<'a>,
-    scratch: Option<&'a Scratch>,
+    scratch: Option<&'a Scratch<'a>>,
     attempt: Attempt,
 ) -> Result<Union<'a>, EigenError> {
     let slices = plan(spectrum, attempt)?;

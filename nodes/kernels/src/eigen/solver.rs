@@ -200,14 +200,8 @@ impl<'a> Solver<'a> {
             options: self.options,
             hooks: self.hooks,
         };
-        let scratch = if self.slicing.is_frugal { self.scratch()? } else { None };
+        let scratch = if self.slicing.is_frugal { Scratch::new(self.hooks)? } else { None };
         self.certified(union(&spectrum, scratch.as_ref(), attempt)?, Method::Lanczos, attempt.number + 1)
-    }
-
-    /// A file for vectors that are not needed for a while, if the caller has one.
-    fn scratch(&self) -> Result<Option<Scratch>, EigenError> {
-        let file = self.hooks.scratch().map_err(|e| EigenError::scratch(&e))?;
-        Ok(file.map(Scratch::new))
     }
 
     /// The lowest pairs of a full decomposition, up to the first gap above the wanted ones.

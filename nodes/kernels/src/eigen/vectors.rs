@@ -1,12 +1,13 @@
 //! Approximate eigenvectors of all slices, in elimination order, in the memory of the lowest one's basis, which becomes the result's: new pages are dear.
 
-use super::EigenError;
 use super::basis::Null;
 use super::certify::{UNCERTIFIED, guesses};
 use super::panel::{Row, Rows, WIDTH, ZERO};
+use super::parts::Pass;
 use super::pool::{Panel, Panels, Pool, RUN};
 use super::scratch::Kept;
 use super::tiles::subtract_products;
+use super::{EigenError, Hooks};
 use crate::simd::vectorised;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -95,7 +96,7 @@ impl<'a> Vectors<'a> {
     }
 
     /// Applies y_to -= factor y_from to the former vectors, all at once; steps are (to, from, factor), and `to` is `from` or above it.
-    pub fn subtract_multiples(&mut self, steps: &[(usize, usize, f64)]) {
+    pub fn subtract_multiples(&mut self, steps: &[(usize, usize, f64)], hooks: &dyn Hooks) -> Result<(), EigenError> {
         let mut blocks = BTreeMap::new();
         for (to, from, factor) in steps {
             let (to, from) = (self.places[*to], self.places[*from]);
@@ -104,7 +105,9 @@ impl<'a> Vectors<'a> {
         }
         // Downwards, so that what is subtracted is still as it was.
         let blocks: Vec<_> = blocks.into_iter().rev().map(|((to, from), block)| (to, from, block)).collect();
-        subtract_products(&mut self.panels_mut(), &blocks);
+        let panels = self.panels_mut();
+        let pass = Pass::new(hooks, panels.first().map_or(0, |panel| panel.len()), blocks.len());
+        pass.run(pass.split(panels), |_, mut part| subtract_products(&mut part, &blocks))
     }
 }
 
