@@ -105,8 +105,8 @@ pub struct Options {
     pub tolerance: f64,
     /// Up to this many vertices the dense solver is used.
     pub dense_limit: usize,
-    /// Results of more numbers (vertices times pairs) are found in smaller slices, one after the other, and what is done of them waits in the file that
-    /// [`Hooks::scratch`] gives. That takes 525 MB instead of 962 at 172,962 vertices and 300 pairs, and a tenth more time.
+    /// Results of more numbers (vertices times pairs) are found in smaller slices, one after the other, and what is done of them waits in files that
+    /// [`Hooks::scratch`] gives. That takes 520 MB instead of 962 at 172,962 vertices and 300 pairs, and a tenth more time.
     pub in_memory: usize,
 }
 

@@ -62,8 +62,8 @@ pub(super) struct Attempt {
     pub restarts: usize,
 }
 
-/// One attempt at the whole. Slices are found side by side, or if memory is short one after the other, and all but the lowest go to the scratch file, if
-/// there is one.
+/// One attempt at the whole. Slices are found side by side, or if memory is short one after the other, and all but the lowest go to scratch files, if
+/// there are any.
 pub(super) fn union<'a>(
     spectrum: &Spectrum<'a>,
     scratch: Option<&'a Scratch<'a>>,
