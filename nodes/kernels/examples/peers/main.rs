@@ -43,7 +43,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 fn report(cost: &Cost, rest: &str) {
-    println!(r#"{{"wall": {}, "cpu": {:.2}, "memory": {}{rest}}}"#, cost.wall, cost.cpu, cost.memory);
+    println!(r#"{{"wall": {}, "cpu": {:.6}, "memory": {}{rest}}}"#, cost.wall, cost.cpu, cost.memory);
 }
 
 fn make(source: &str, levels: usize, out: &str) -> Result<(), Box<dyn Error>> {

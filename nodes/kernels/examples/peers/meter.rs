@@ -1,5 +1,6 @@
 //! Time and memory of one computation in this process.
 
+use rustix::time::{ClockId, clock_gettime};
 use std::error::Error;
 use std::fs;
 use std::time::Instant;
@@ -8,21 +9,21 @@ use std::time::Instant;
 pub struct Cost {
     /// Seconds.
     pub wall: f64,
-    /// Seconds of all threads, in steps of the kernel's clock tick, 10 ms.
+    /// Seconds of all threads.
     pub cpu: f64,
     /// Largest resident memory minus what was resident before, in bytes.
     pub memory: u64,
 }
 
-/// Runs `work` and measures it (Linux only: the counts are those of /proc).
+/// Runs `work` and measures it (Linux only: memory is that of /proc).
 pub fn measured<T>(work: impl FnOnce() -> Result<T, Box<dyn Error>>) -> Result<(T, Cost), Box<dyn Error>> {
     fs::write("/proc/self/clear_refs", "5")?; // the high-water mark starts from here
-    let (before, cpu) = (resident("VmRSS:")?, cpu_seconds()?);
+    let (before, cpu) = (resident("VmRSS:")?, cpu_seconds());
     let start = Instant::now();
     let result = work()?;
     let wall = start.elapsed().as_secs_f64();
     let memory = resident("VmHWM:")?.saturating_sub(before);
-    Ok((result, Cost { wall, cpu: cpu_seconds()? - cpu, memory }))
+    Ok((result, Cost { wall, cpu: cpu_seconds() - cpu, memory }))
 }
 
 fn resident(field: &str) -> Result<u64, Box<dyn Error>> {
@@ -31,11 +32,7 @@ fn resident(field: &str) -> Result<u64, Box<dyn Error>> {
     Ok(1024 * line.trim().trim_end_matches("kB").trim().parse::<u64>()?)
 }
 
-fn cpu_seconds() -> Result<f64, Box<dyn Error>> {
-    let stat = fs::read_to_string("/proc/self/stat")?;
-    // After the name in brackets: state is the first field, user and system time the 12th and 13th.
-    let fields: Vec<&str> = stat.rsplit(')').next().unwrap_or("").split_whitespace().collect();
-    let ticks =
-        |i: usize| -> Result<f64, Box<dyn Error>> { Ok(fields.get(i).ok_or("short /proc/self/stat")?.parse()?) };
-    Ok((ticks(11)? + ticks(12)?) / 100.0)
+fn cpu_seconds() -> f64 {
+    let spent = clock_gettime(ClockId::ProcessCPUTime);
+    spent.tv_sec as f64 + 1e-9 * spent.tv_nsec as f64
 }
